@@ -1,0 +1,112 @@
+"""Configuration of the goal-conditioned decision transformer."""
+
+from dataclasses import dataclass, field
+
+from lerobot.configs.policies import PreTrainedConfig
+from lerobot.configs.types import NormalizationMode
+from lerobot.optim.optimizers import AdamWConfig
+from lerobot.optim.schedulers import CosineDecayWithWarmupSchedulerConfig
+
+
+@PreTrainedConfig.register_subclass("gcdt")
+@dataclass
+class GCDTConfig(PreTrainedConfig):
+    """Configuration of ``GCDTPolicy`` (Fu et al., ICRA 2024, arXiv 2405.18757).
+
+    Attributes:
+        layers: Transformer blocks.
+        heads: Attention heads a block.
+        width: Size of a token.
+        inner_width: Hidden size of the blocks' perceptrons.
+        dropout: Dropout in the blocks.
+        context_length: Steps of history that a step may attend to; also the size of the timestep embedding.
+        hindsight_ratio: Share of the training trajectories that are cut at a random step and relabelled with the goal
+            achieved there; the rest are whole demonstrations. 1 gives the paper's mix: every frame of a demonstration
+            once as a cut and, in place of its first frame, the demonstration itself.
+        dtype: ``"bfloat16"`` or ``"float32"``: arithmetic of the transformer in training (LeRobot hands it to
+            Accelerate). Inference is always in float32.
+        task_dims: Sizes ``[observation, goal, action]`` of each task, by task sentence. Filled from the dataset.
+        expected_steps: Mean steps to the goal of each task, by task sentence: where time-to-goal starts at test time.
+            Filled from the dataset.
+        optimizer_lr: Peak learning rate of AdamW.
+        optimizer_weight_decay: Weight decay of AdamW.
+        optimizer_grad_clip_norm: Norm at which gradients are clipped.
+        scheduler_warmup_steps: Steps of linear warm-up, shrunk in proportion when training is shorter than
+            ``scheduler_decay_steps``.
+        scheduler_decay_steps: Steps of the cosine decay, shrunk to the length of the training. 0 keeps the learning
+            rate constant, as in the paper.
+    """
+
+    layers: int = 8
+    heads: int = 4
+    width: int = 128
+    inner_width: int = 512
+    dropout: float = 0.0
+    context_length: int = 100
+    hindsight_ratio: float = 0.5
+    dtype: str = "bfloat16"
+
+    task_dims: dict[str, list[int]] = field(default_factory=dict)
+    expected_steps: dict[str, float] = field(default_factory=dict)
+
+    # Normalisation is a part of the task-specific tokenizers: LeRobot's statistics are one set per key, not per task,
+    # and are replaced by the new dataset's at fine-tuning, which would shift what pretrained tokenizers see.
+    normalization_mapping: dict[str, NormalizationMode] = field(
+        default_factory=lambda: {kind: NormalizationMode.IDENTITY for kind in ("STATE", "ENV", "ACTION")}
+    )
+
+    optimizer_lr: float = 1e-3
+    optimizer_weight_decay: float = 1e-4
+    optimizer_grad_clip_norm: float = 1.0
+    scheduler_warmup_steps: int = 1_000
+    scheduler_decay_steps: int = 20_000
+
+    def __post_init__(self):
+        super().__post_init__()
+        for name in ("layers", "heads", "width", "inner_width", "context_length"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"policy.{name} must be positive, got {getattr(self, name)}.")
+        if self.width % self.heads:
+            raise ValueError(f"policy.width ({self.width}) must be a multiple of policy.heads ({self.heads}).")
+        for name in ("dropout", "hindsight_ratio"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise ValueError(f"policy.{name} must lie in [0, 1], got {getattr(self, name)}.")
+        if self.dtype not in ("bfloat16", "float32"):
+            raise ValueError(f"policy.dtype must be 'bfloat16' or 'float32', got {self.dtype!r}.")
+
+    def validate_features(self) -> None:
+        """Nothing to check: sizes come from ``task_dims``, because LeRobot overwrites the features at fine-tuning."""
+
+    @property
+    def observation_delta_indices(self) -> None:
+        """The loader gives single frames; the policy's trajectory bank looks up the rest."""
+        return None
+
+    @property
+    def action_delta_indices(self) -> None:
+        """See ``observation_delta_indices``."""
+        return None
+
+    @property
+    def reward_delta_indices(self) -> None:
+        """Rewards are not used."""
+        return None
+
+    def get_optimizer_preset(self) -> AdamWConfig:
+        """Returns AdamW (Fu et al. 2024, section IV-A)."""
+        return AdamWConfig(
+            lr=self.optimizer_lr,
+            weight_decay=self.optimizer_weight_decay,
+            grad_clip_norm=self.optimizer_grad_clip_norm,
+        )
+
+    def get_scheduler_preset(self) -> CosineDecayWithWarmupSchedulerConfig | None:
+        """Returns a cosine decay to a hundredth of the peak, or None for a constant learning rate."""
+        if self.scheduler_decay_steps == 0:
+            return None
+        return CosineDecayWithWarmupSchedulerConfig(
+            num_warmup_steps=self.scheduler_warmup_steps,
+            num_decay_steps=self.scheduler_decay_steps,
+            peak_lr=self.optimizer_lr,
+            decay_lr=self.optimizer_lr / 100,
+        )

@@ -1,0 +1,72 @@
+"""Task-specific tokenizers and heads (Fu et al. 2024, section III-A)."""
+
+import re
+
+import torch
+from torch import Tensor, nn
+
+from lerobot_gcdt.trajectories import ACTION, GOAL, STATE, TIME_TO_GOAL
+
+ORDER = (TIME_TO_GOAL, GOAL, STATE, ACTION)
+"""Order of the four tokens of a step."""
+
+
+class ItemTokenizer(nn.Module):
+    """Turns one kind of item into tokens: standardised, mapped linearly, layer-normalised.
+
+    Args:
+        size: Numbers in an item.
+        width: Size of a token.
+    """
+
+    def __init__(self, size: int, width: int):
+        super().__init__()
+        self.register_buffer("mean", torch.zeros(size))
+        self.register_buffer("std", torch.ones(size))
+        self.linear = nn.Linear(size, width)
+        self.norm = nn.LayerNorm(width)
+
+    def fit(self, items: Tensor) -> None:
+        """Takes mean and standard deviation from items of shape (N, size); constant numbers are only centred."""
+        std, mean = torch.std_mean(items, dim=0)
+        self.mean.copy_(mean)
+        self.std.copy_(torch.where(std > 1e-4, std, 1.0))
+
+    def forward(self, items: Tensor) -> Tensor:
+        return self.norm(self.linear((items - self.mean) / self.std))
+
+
+class TaskModules(nn.Module):
+    """What one task has of its own: a tokenizer for each kind of item and the action head.
+
+    Args:
+        dims: Sizes of observation, goal and action.
+        width: Size of a token.
+    """
+
+    def __init__(self, dims: list[int], width: int):
+        super().__init__()
+        state, goal, action = dims
+        self.time_to_goal = ItemTokenizer(1, width)
+        self.goal = ItemTokenizer(goal, width)
+        self.state = ItemTokenizer(state, width)
+        self.action = ItemTokenizer(action, width)
+        self.action_head = nn.Linear(width, action)
+
+    def tokenizer(self, key: str) -> ItemTokenizer:
+        """Returns the tokenizer of a dataset key."""
+        return {TIME_TO_GOAL: self.time_to_goal, GOAL: self.goal, STATE: self.state, ACTION: self.action}[key]
+
+    def fit(self, items: dict[str, Tensor]) -> None:
+        """Takes the normalisation from items of the task, each of shape (N, size); actions stay as they are."""
+        for key in (TIME_TO_GOAL, GOAL, STATE):
+            self.tokenizer(key).fit(items[key])
+
+    def predict_action(self, hidden: Tensor) -> Tensor:
+        """Maps the hidden states of observation tokens, shape (..., width), to actions in [-1, 1]."""
+        return torch.tanh(self.action_head(hidden))
+
+
+def module_key(sentence: str) -> str:
+    """Turns a task sentence into a name that a module may have."""
+    return re.sub(r"[^a-z0-9]+", "_", sentence.lower()).strip("_")

@@ -1,0 +1,1 @@
+from lerobot_gcdt import *

@@ -1,0 +1,280 @@
+"""The goal environment that the tasks share: Gymnasium's API around one PyBullet world."""
+
+import os
+import sys
+from abc import abstractmethod
+from dataclasses import dataclass
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.error import ClosedEnvironmentError
+
+from surrol_gym.bullet import Camera, World
+
+SUB_STEPS = 48
+"""Simulation sub-steps in one control step of 0.2 s (facts, section 1.6)."""
+
+SETTLING_STEPS = 60
+"""Sub-steps between posing the scene and the first observation (facts, section 1.6)."""
+
+_WORLD_EXTENT = 100.0  # Bounds of the observation spaces: nothing can leave the floor.
+
+# PyBullet ends the whole process when it cannot reach an X server, so the mode is offered only where it can work.
+_HAS_DISPLAY = not sys.platform.startswith("linux") or "DISPLAY" in os.environ
+
+
+@dataclass(frozen=True)
+class State:
+    """A moment of an episode, as ``get_state`` returns it: simulation, task and random generator."""
+
+    world: tuple
+    task: dict[str, Any]
+    rng: dict[str, Any]
+
+
+class GoalEnv(gym.Env):
+    """Base of all tasks: dict observations with goals, sparse rewards, seeded resets that load nothing.
+
+    Observations are dicts of float32 arrays ``observation``, ``achieved_goal`` and ``desired_goal``, in scaled units
+    (1 su = 0.2 m) and radians, world frame. The reward is 0 in success and -1 otherwise; ``terminated`` is always
+    False. ``info`` holds ``is_success``, ``contact_force`` (sum of the normal forces on the arms in the last
+    sub-step, kg su / s^2) and ``workspace_clipped`` (whether the action pointed out of the workspace).
+
+    Args:
+        render_mode: None, ``"rgb_array"`` or, on a machine with a display, ``"human"``.
+        camera: Name of the camera that ``render`` uses, one of ``cameras``.
+        width: Width of the picture, pixels.
+        height: Height of the picture, pixels.
+
+    Raises:
+        ValueError: An argument is not one of the values above.
+    """
+
+    metadata = {"render_modes": ["rgb_array"] + ["human"] * _HAS_DISPLAY, "render_fps": 5}
+
+    task: str
+    """Name of the task, one of ``surrol_gym.TASKS``."""
+    task_description: str
+    """The task as a sentence; datasets store it and language-conditioned policies read it."""
+    cameras: dict[str, Camera]
+    observation_size: int
+    goal_size: int
+    action_size: int
+
+    def __init__(self, render_mode=None, camera="closeup", width=256, height=256):
+        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
+            hint = " ('human' needs a display)" if render_mode == "human" else ""
+            raise ValueError(
+                f"render_mode must be None or one of {self.metadata['render_modes']}, got {render_mode!r}{hint}."
+            )
+        self.render_mode = render_mode
+        self._picture = self._check_picture(camera, width, height)
+        self.action_space = gym.spaces.Box(-1.0, 1.0, (self.action_size,), np.float32)
+        self.observation_space = gym.spaces.Dict(
+            {
+                key: gym.spaces.Box(-_WORLD_EXTENT, _WORLD_EXTENT, (size,), np.float32)
+                for key, size in (
+                    ("observation", self.observation_size),
+                    ("achieved_goal", self.goal_size),
+                    ("desired_goal", self.goal_size),
+                )
+            }
+        )
+        self.world = World(gui=render_mode == "human")
+        self._closed = False
+        self._goal = None
+        self._world_state = None
+        self.world.load("floor.urdf")
+        self.world.load("table.urdf", (2.5, 0.0, 0.005))
+        self._build_scene()
+        self._goal_marker = self.world.marker(radius=0.015, color=(0.9, 0.05, 0.05, 1.0))
+        self.world.mark_built()
+
+    # What a task defines.
+
+    @abstractmethod
+    def _build_scene(self):
+        """Loads arms and objects; runs once, when the environment is made."""
+
+    @abstractmethod
+    def _pose_scene(self):
+        """Puts arms and objects where the episode starts, drawing from ``self.np_random``."""
+
+    @abstractmethod
+    def _sample_goal(self):
+        """Returns the desired goal of the settled scene, shape (goal_size,), drawing from ``self.np_random``."""
+
+    @abstractmethod
+    def _apply_action(self, action):
+        """Commands the arms and grippers; returns whether the workspace clipped the motion."""
+
+    @abstractmethod
+    def _after_sub_steps(self):
+        """Updates what the motion caused, such as grasps."""
+
+    @abstractmethod
+    def _observe(self):
+        """Returns the observation vector, shape (observation_size,)."""
+
+    @abstractmethod
+    def _achieved_goal(self):
+        """Returns the achieved goal, shape (goal_size,)."""
+
+    @abstractmethod
+    def _contact_force(self):
+        """Returns the sum of the normal forces on the arms."""
+
+    @abstractmethod
+    def is_success(self, achieved_goal, desired_goal):
+        """Tests achieved against desired goals of shape (..., goal_size); returns booleans of shape (...)."""
+
+    def _marker_position(self, goal):
+        """Where the red marker shows a goal."""
+        return goal[:3]
+
+    def _get_task_state(self):
+        """Returns what the task must remember beside the simulation."""
+        return {"goal": None if self._goal is None else self._goal.copy()}
+
+    def _set_task_state(self, state):
+        """Restores ``_get_task_state``."""
+        self._goal = state["goal"]
+        if self._goal is not None:
+            self.world.place(self._goal_marker, self._marker_position(self._goal))
+
+    # Gymnasium's API.
+
+    def reset(self, *, seed=None, options=None):
+        """Starts an episode; see ``gymnasium.Env.reset``. There are no options."""
+        self._check_open()
+        if options:
+            raise ValueError(f"{self.task} has no reset options, got {options!r}; see the constructor's arguments.")
+        super().reset(seed=seed)
+        self.world.restore_built()
+        self._pose_scene()
+        self.world.step(SETTLING_STEPS)
+        self._goal = np.asarray(self._sample_goal(), dtype=np.float64)
+        self.world.place(self._goal_marker, self._marker_position(self._goal))
+        contact_force = self._contact_force()
+        self._forget_contacts()
+        observation = self._get_observation()
+        return observation, self._get_info(observation, contact_force, workspace_clipped=False)
+
+    def step(self, action):
+        """Advances the episode by one control step of 0.2 s; see ``gymnasium.Env.step``.
+
+        Raises:
+            ValueError: The action has another shape than the action space or a number that is not finite.
+        """
+        self._check_open()
+        clipped = self._apply_action(self._check_action(action))
+        self.world.step(SUB_STEPS)
+        self._after_sub_steps()
+        contact_force = self._contact_force()
+        self._forget_contacts()
+        observation = self._get_observation()
+        info = self._get_info(observation, contact_force, clipped)
+        return observation, float(info["is_success"]) - 1.0, False, False, info
+
+    def render(self):
+        """Returns a picture, shape (height, width, 3), uint8, in mode ``"rgb_array"``; the window shows itself."""
+        self._check_open()
+        if self.render_mode == "rgb_array":
+            return self.world.render(*self._picture)
+        return None
+
+    def picture(self, camera="closeup", width=256, height=256):
+        """Renders the scene from any camera at any size, whatever the render mode.
+
+        Returns:
+            An array of shape (height, width, 3), uint8.
+        """
+        self._check_open()
+        return self.world.render(*self._check_picture(camera, width, height))
+
+    def close(self):
+        """Frees the simulation; closing twice is harmless."""
+        if not self._closed:
+            self._closed = True
+            self.world.close()
+
+    # The multi-goal API: everything vectorised over leading axes.
+
+    def compute_reward(self, achieved_goal, desired_goal, info):
+        """Returns 0 where the goal is achieved and -1 elsewhere, for goals of shape (..., goal_size)."""
+        reward = np.asarray(self.is_success(achieved_goal, desired_goal), dtype=np.float32) - 1.0
+        return reward if reward.ndim else float(reward)
+
+    def compute_terminated(self, achieved_goal, desired_goal, info):
+        """Returns False for every goal: episodes end at the time limit only."""
+        return self._never(achieved_goal)
+
+    def compute_truncated(self, achieved_goal, desired_goal, info):
+        """Returns False for every goal: ``TimeLimit`` truncates."""
+        return self._never(achieved_goal)
+
+    # Saving and restoring.
+
+    def get_state(self):
+        """Returns the full state of the episode; ``set_state`` brings it back in any environment of this task."""
+        self._check_open()
+        return State(self._world_state, self._get_task_state(), self.np_random.bit_generator.state)
+
+    def set_state(self, state):
+        """Restores a state of ``get_state``.
+
+        Returns:
+            The observation of that moment.
+        """
+        self._check_open()
+        self._world_state = state.world
+        self.world.set_state(state.world)
+        self._set_task_state(state.task)
+        self.np_random.bit_generator.state = state.rng
+        return self._get_observation()
+
+    # Details.
+
+    def _get_observation(self):
+        return {
+            "observation": np.asarray(self._observe(), dtype=np.float32),
+            "achieved_goal": np.asarray(self._achieved_goal(), dtype=np.float32),
+            "desired_goal": self._goal.astype(np.float32),
+        }
+
+    def _forget_contacts(self):
+        # From here on the episode depends on poses and velocities only, which is all that get_state has to keep.
+        self._world_state = self.world.get_state()
+        self.world.set_state(self._world_state)
+
+    def _get_info(self, observation, contact_force, workspace_clipped):
+        return {
+            "is_success": bool(self.is_success(observation["achieved_goal"], observation["desired_goal"])),
+            "contact_force": contact_force,
+            "workspace_clipped": workspace_clipped,
+        }
+
+    def _check_action(self, action):
+        action = np.asarray(action, dtype=np.float64)
+        if action.shape != self.action_space.shape:
+            raise ValueError(f"{self.task} takes actions of shape {self.action_space.shape}, got {action.shape}.")
+        if not np.isfinite(action).all():
+            raise ValueError(f"The action holds a number that is not finite: {action.tolist()}.")
+        return np.clip(action, -1.0, 1.0)
+
+    def _check_picture(self, camera, width, height):
+        if camera not in self.cameras:
+            raise ValueError(f"{self.task} has the cameras {sorted(self.cameras)}, got {camera!r}.")
+        if width < 1 or height < 1:
+            raise ValueError(f"A picture needs a positive width and height, got {width} x {height}.")
+        return self.cameras[camera], width, height
+
+    def _check_open(self):
+        if self._closed:
+            raise ClosedEnvironmentError(f"This {self.task} environment is closed; make a new one.")
+
+    @staticmethod
+    def _never(achieved_goal):
+        shape = np.shape(achieved_goal)[:-1]
+        return np.zeros(shape, dtype=bool) if shape else False

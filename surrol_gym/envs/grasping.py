@@ -1,0 +1,95 @@
+"""The grasping rule: friction first, then a fixed constraint while the jaws stay in touch (facts, section 2.1)."""
+
+import pybullet
+
+from surrol_gym.psm.arm import END_EFFECTOR
+
+
+class Grasp:
+    """Attaches one object to one arm.
+
+    Closing the jaws while both touch the object makes the grasp active. Once the task's requirement holds, the object
+    is fixed to link 5. It is released when the jaws open or neither touches it any more.
+
+    Args:
+        world: The ``surrol_gym.bullet.World`` of both.
+        arm: The ``surrol_gym.psm.arm.Arm``.
+        body: Id of the object.
+        requirement: Called without arguments; says whether an active grasp may attach the object.
+        max_force: Largest force of the constraint.
+    """
+
+    def __init__(self, world, arm, body, requirement, max_force=20.0):
+        self._client = world.client
+        self._arm = arm
+        self._body = body
+        self._requirement = requirement
+        self._max_force = max_force
+        self._active = False
+        self._touched = (False, False)
+        self._constraint = None
+
+    @property
+    def attached(self):
+        """Whether the object is fixed to the arm."""
+        return self._constraint is not None
+
+    def before_step(self, closing):
+        """Reacts to the gripper command of an action, before the simulation advances."""
+        if not closing:
+            self.release()
+        elif not self._active:
+            self._active = all(self._touched)
+
+    def after_step(self):
+        """Attaches or detaches the object, after the simulation has advanced."""
+        self._touched = self._arm.touches(self._body)
+        if self.attached and not any(self._touched):
+            self.release()
+        elif self._active and not self.attached and self._requirement():
+            self._attach(*self._relative_pose())
+
+    def release(self):
+        """Lets go of the object."""
+        self._active = False
+        if self.attached:
+            self._client.removeConstraint(self._constraint)
+            self._constraint = None
+
+    def reset(self):
+        """Forgets the episode before."""
+        self.release()
+        self._touched = (False, False)
+
+    def get_state(self):
+        """Returns what ``set_state`` needs: active, which jaws touch, frame of the attached object in link 5 or None."""
+        if not self.attached:
+            return self._active, self._touched, None
+        info = self._client.getConstraintInfo(self._constraint)
+        return self._active, self._touched, (info[6], info[8])
+
+    def set_state(self, state):
+        """Restores the grasp; the poses of arm and object must have been restored before."""
+        self.release()
+        self._active, self._touched, frame = state
+        if frame is not None:
+            self._attach(*frame)
+
+    def _relative_pose(self):
+        link = self._client.getLinkState(self._arm.body, END_EFFECTOR)
+        inverse = pybullet.invertTransform(link[0], link[1])
+        return pybullet.multiplyTransforms(*inverse, *self._client.getBasePositionAndOrientation(self._body))
+
+    def _attach(self, position, orientation):
+        self._constraint = self._client.createConstraint(
+            self._arm.body,
+            END_EFFECTOR,
+            self._body,
+            -1,
+            pybullet.JOINT_FIXED,
+            (0, 0, 0),
+            position,
+            (0, 0, 0),
+            parentFrameOrientation=orientation,
+        )
+        self._client.changeConstraint(self._constraint, maxForce=self._max_force)

@@ -1,0 +1,1 @@
+"""The Patient Side Manipulator (PSM) of the da Vinci Research Kit: kinematics and simulated arm."""

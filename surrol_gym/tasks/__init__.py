@@ -1,0 +1,1 @@
+"""The surgical tasks, one file each."""

@@ -1,0 +1,54 @@
+"""The needle on its padded tray, shared by the tasks that use it (facts, section 4.0)."""
+
+import numpy as np
+import pybullet
+
+from surrol_gym.bullet import Camera
+
+TRAY_POSITION = (2.75, 0.0, 3.3868)
+DROP_HEIGHT = 3.436
+"""Height of the arc's centre from which the needle drops onto the pad, su."""
+
+# In the needle's centre-of-mass frame, su; its x axis points away from the middle of the arc.
+_ARC_CENTRE = (0.0635, 0.0, 0.0)
+_MIDDLE = (-0.0365, 0.0, 0.0)
+
+CAMERAS = {
+    "closeup": Camera(eye=(3.75, 0.0, 4.35), target=(2.74, 0.0, 3.50), field_of_view=40.0),
+    "overview": Camera(eye=(7.588, 0.0, 6.400), target=(-0.25, 0.0, 1.875)),
+}
+
+
+class Needle:
+    """A half-circle needle of radius 0.1 su.
+
+    Args:
+        world: The ``surrol_gym.bullet.World`` to load tray and needle into.
+    """
+
+    def __init__(self, world):
+        self._world = world
+        world.load("tray_pad.urdf", TRAY_POSITION)
+        self.body = world.load("needle.urdf", (*TRAY_POSITION[:2], DROP_HEIGHT), fixed=False)
+
+    @staticmethod
+    def sample_pose(rng):
+        """Draws where the needle drops: x and y of the arc's centre, su, and yaw, radians."""
+        x, y = rng.uniform(-0.05, 0.05, 2)
+        return TRAY_POSITION[0] + x, TRAY_POSITION[1] + y, rng.uniform(-np.pi / 2, np.pi / 2)
+
+    def drop(self, x, y, yaw):
+        """Puts the centre of the arc above a point of the pad, turned about the vertical by ``yaw`` radians."""
+        offset = np.multiply(_ARC_CENTRE[0], (np.cos(yaw), np.sin(yaw), 0.0))
+        orientation = pybullet.getQuaternionFromEuler((0.0, 0.0, yaw))
+        self._world.place(self.body, (x, y, DROP_HEIGHT) - offset, orientation)
+
+    def centre(self):
+        """Returns the centre of mass, shape (3,), su, world frame."""
+        return self._world.pose(self.body)[0]
+
+    def middle(self):
+        """Returns the middle of the arc, where it is grasped: position (3,), su, and Euler angles (3,), radians."""
+        pose = self._world.client.getBasePositionAndOrientation(self.body)
+        position, orientation = pybullet.multiplyTransforms(*pose, _MIDDLE, (0, 0, 0, 1))
+        return np.array(position), np.array(pybullet.getEulerFromQuaternion(orientation))

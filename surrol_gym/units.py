@@ -1,0 +1,16 @@
+"""Scaled units (su): the PyBullet world is five times life size, so 1 su = 0.2 m (facts, section 0)."""
+
+import numpy as np
+
+SCALING = 5.0
+"""Scaled units per metre; also the ``globalScaling`` with which URDF files in metres are loaded."""
+
+
+def to_su(metres):
+    """Converts a length or position from metres to scaled units."""
+    return np.multiply(metres, SCALING)
+
+
+def to_metres(su):
+    """Converts a length or position from scaled units to metres."""
+    return np.divide(su, SCALING)
