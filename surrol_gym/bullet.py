@@ -86,7 +86,9 @@ class World:
     def marker(self, radius, color):
         """Creates a sphere that is only seen: no collision, no mass. Returns the body's id."""
         shape = self.client.createVisualShape(pybullet.GEOM_SPHERE, radius=radius, rgbaColor=color)
-        return self.client.createMultiBody(baseMass=0, baseVisualShapeIndex=shape)
+        body = self.client.createMultiBody(baseMass=0, baseVisualShapeIndex=shape)
+        self._moving.append((body, ()))
+        return body
 
     def place(self, body, position, orientation=(0, 0, 0, 1)):
         """Moves a body's centre-of-mass frame to a pose and stops it."""
@@ -160,7 +162,7 @@ class World:
             view,
             projection,
             lightDirection=(4, 2, 10),
-            shadow=1,
+            shadow=0,
             renderer=pybullet.ER_TINY_RENDERER,
         )
         # A PyBullet built without NumPy returns a flat tuple.

@@ -129,19 +129,13 @@ class GoalEnv(gym.Env):
     def is_success(self, achieved_goal, desired_goal):
         """Tests achieved against desired goals of shape (..., goal_size); returns booleans of shape (...)."""
 
-    def _marker_position(self, goal):
-        """Where the red marker shows a goal."""
-        return goal[:3]
-
     def _get_task_state(self):
         """Returns what the task must remember beside the simulation."""
-        return {"goal": None if self._goal is None else self._goal.copy()}
+        return {"goal": self._goal}
 
     def _set_task_state(self, state):
         """Restores ``_get_task_state``."""
         self._goal = state["goal"]
-        if self._goal is not None:
-            self.world.place(self._goal_marker, self._marker_position(self._goal))
 
     # Gymnasium's API.
 
@@ -155,7 +149,7 @@ class GoalEnv(gym.Env):
         self._pose_scene()
         self.world.step(SETTLING_STEPS)
         self._goal = np.asarray(self._sample_goal(), dtype=np.float64)
-        self.world.place(self._goal_marker, self._marker_position(self._goal))
+        self.world.place(self._goal_marker, self._goal[:3])
         contact_force = self._contact_force()
         self._forget_contacts()
         observation = self._get_observation()

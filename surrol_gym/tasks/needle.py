@@ -14,7 +14,7 @@ _ARC_CENTRE = (0.0635, 0.0, 0.0)
 _MIDDLE = (-0.0365, 0.0, 0.0)
 
 CAMERAS = {
-    "closeup": Camera(eye=(3.75, 0.0, 4.35), target=(2.74, 0.0, 3.50), field_of_view=40.0),
+    "closeup": Camera(eye=(3.75, 0.0, 4.35), target=(2.74, 0.0, 3.53), field_of_view=40.0),
     "overview": Camera(eye=(7.588, 0.0, 6.400), target=(-0.25, 0.0, 1.875)),
 }
 

@@ -136,11 +136,11 @@ class NeedlePickEnv(PSMEnv):
         to_grasp = middle + (0.0, 0.0, GRASP_HEIGHT) - position
         lateral = np.hypot(to_grasp[0], to_grasp[1])
         if HELD_JAW[0] < jaw < HELD_JAW[1] and lateral < 0.02 and abs(to_grasp[2]) < 0.02:
-            return Target(observation["desired_goal"] - middle, jaw=CLOSE, gain=GAIN)
+            return Target(observation["desired_goal"] - middle, jaw=CLOSE, gain=0.2, speed=0.4)
         # The jaws are symmetric: of the two orientations across the needle take the nearer one.
         turn = (needle_yaw - yaw + np.pi / 2) % np.pi - np.pi / 2
         misalignment = max(lateral, 0.05 * abs(turn))
-        if misalignment < 0.004 and abs(to_grasp[2]) < 0.004:
+        if misalignment < 0.004 and abs(to_grasp[2]) < 0.0015:
             return Target(to_grasp, turn, CLOSE, gain=GAIN)
         clearance = np.clip(3 * (misalignment - 0.004), 0.0, 0.025)
         return Target(to_grasp + (0.0, 0.0, clearance), turn, OPEN, gain=GAIN)
@@ -148,5 +148,5 @@ class NeedlePickEnv(PSMEnv):
 
 HELD_JAW = (0.08, 0.45)
 """Opening angle of jaws that hold the needle, radians: closed on nothing they are at 0, open at 0.7."""
-GAIN = 0.2
+GAIN = np.array([0.185, 0.185, 0.4])
 OPEN, CLOSE = 0.5, -0.5
