@@ -1,1 +1,3 @@
-from lerobot_gcdt import *
+"""Discovery shim: LeRobot imports the module that has the name of the distribution."""
+
+from lerobot_gcdt import *  # noqa: F403

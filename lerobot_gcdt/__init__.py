@@ -1,0 +1,12 @@
+"""The goal-conditioned decision transformer and the SurRoL environments as LeRobot plugins.
+
+Importing the package registers the policy type ``gcdt`` and the environment type ``surrol``.
+"""
+
+import surrol_gym  # noqa: F401 (registers the environment ids)
+from lerobot_gcdt.configuration_gcdt import GCDTConfig
+from lerobot_gcdt.modeling_gcdt import GCDTPolicy
+from lerobot_gcdt.processor_gcdt import make_gcdt_pre_post_processors
+from lerobot_gcdt.surrol_env import SurRoLEnvConfig
+
+__all__ = ["GCDTConfig", "GCDTPolicy", "SurRoLEnvConfig", "make_gcdt_pre_post_processors"]

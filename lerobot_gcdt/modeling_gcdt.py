@@ -1,6 +1,6 @@
 """The goal-conditioned decision transformer as a LeRobot policy (Fu et al., ICRA 2024, arXiv 2405.18757)."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import torch
 from lerobot.policies.pretrained import PreTrainedPolicy
@@ -24,8 +24,9 @@ class History:
     caches: list[KeyValueCache]
     token_step: Tensor
     """Step of the token in each cache slot, shape (slots,)."""
+    tokens: int = 0
     step: int = 0
-    last_action: Tensor | None = field(default=None, repr=False)
+    last_action: Tensor | None = None
 
 
 class GCDTPolicy(PreTrainedPolicy):
@@ -103,10 +104,12 @@ class GCDTPolicy(PreTrainedPolicy):
             Actions in [-1, 1], shape (R, S, largest action size of the tasks); 0 in padding.
         """
         r, s = sequences.segment.shape
-        tokens = self._tokenize(sequences)  # (R, S, 4, W)
+        with self._full_precision():
+            tokens = self._tokenize(sequences)  # (R, S, 4, W)
         hidden = self.transformer(tokens.flatten(1, 2), self._attention_mask(sequences))
-        hidden = hidden.view(r, s, TOKENS, -1)[:, :, ORDER.index(STATE)].float()
-        return self._act(hidden, self._steps_by_task(sequences))
+        hidden = hidden.view(r, s, TOKENS, -1)[:, :, ORDER.index(STATE)]
+        with self._full_precision():
+            return self._act(hidden.float(), self._steps_by_task(sequences))
 
     # Inference.
 
@@ -133,14 +136,14 @@ class GCDTPolicy(PreTrainedPolicy):
         if self._history is None:
             slots = TOKENS * (self.config.context_length + 1)
             caches = [KeyValueCache(slots) for _ in range(self.config.layers)]
-            self._history = History(tasks, caches, torch.full((slots,), -1, device=device))
+            self._history = History(tasks, caches, torch.zeros(slots, dtype=torch.long, device=device))
         history = self._history
         if tasks != history.tasks:
             raise ValueError(
                 f"The batch holds {len(tasks)} episodes, the running history {len(history.tasks)} or other tasks; "
                 "call policy.reset() when new episodes start."
             )
-        with torch.autocast(device.type, enabled=False):
+        with self._full_precision():
             items = {
                 TIME_TO_GOAL: torch.tensor([[self._time_to_goal(task, history.step)] for task in tasks], device=device),
                 GOAL: batch[GOAL].float(),
@@ -151,7 +154,7 @@ class GCDTPolicy(PreTrainedPolicy):
             if history.last_action is not None:
                 new.insert(0, self._step_tokens({ACTION: history.last_action}, history.step - 1))
                 steps.insert(0, history.step - 1)
-            hidden = self.transformer(torch.cat(new, 1), self._cache_mask(history, steps), history.caches)
+            hidden = self.transformer(torch.cat(new, 1), self._remember_tokens(steps), history.caches)
             rows = {task: [i for i, t in enumerate(tasks) if t == task] for task in dict.fromkeys(tasks)}
             action = self._act(hidden[:, -1], {task: (torch.tensor(i, device=device),) for task, i in rows.items()})
         history.last_action = action
@@ -165,3 +168,139 @@ class GCDTPolicy(PreTrainedPolicy):
     def get_optim_params(self):
         """Returns all parameters."""
         return self.parameters()
+
+    # Details.
+
+    @classmethod
+    def _load_as_safetensor(cls, model, model_file: str, map_location: str, strict: bool):
+        try:
+            return super()._load_as_safetensor(model, model_file, map_location, strict)
+        except RuntimeError as error:
+            raise ValueError(
+                f"The weights in {model_file} do not fit their configuration (layers={model.config.layers}, "
+                f"width={model.config.width}, task_dims={model.config.task_dims}): {error}"
+            ) from error
+
+    def _read_dataset(self, meta) -> None:
+        """Loads the trajectories and adds the dataset's tasks to the configuration."""
+        missing = [key for key in REQUIRED_KEYS if key not in meta.features]
+        if missing:
+            raise KeyError(
+                f"The dataset {meta.repo_id} lacks {', '.join(missing)}; GCDT needs {', '.join(REQUIRED_KEYS)}. "
+                "Record one with `gcdt record`."
+            )
+        dims = [meta.features[key]["shape"][0] for key in (STATE, GOAL, ACTION)]
+        self._dataset_tasks = list(meta.tasks.sort_values("task_index").index)
+        for task in self._dataset_tasks:
+            known = self.config.task_dims.get(task, dims)
+            if list(known) != dims:
+                raise ValueError(
+                    f"The policy knows {task!r} with the sizes {list(known)} of observation, goal and action, but the "
+                    f"dataset {meta.repo_id} has {dims}."
+                )
+        self._bank = TrajectoryBank(meta.root, self.config.device)
+        for i, task in enumerate(self._dataset_tasks):
+            self.config.task_dims[task] = dims
+            self.config.expected_steps.setdefault(task, self._bank.expected_steps(i))
+
+    def _modules_of(self, task: str) -> TaskModules:
+        return self.tasks[module_key(task)]
+
+    def _steps_by_task(self, sequences: Sequences) -> dict[str, tuple[Tensor, ...]]:
+        """Positions of the real steps of each task present, as indices into (R, S)."""
+        present = sequences.task[sequences.real].unique().tolist()
+        return {
+            self._dataset_tasks[i]: torch.nonzero(sequences.real & (sequences.task == i), as_tuple=True)
+            for i in present
+        }
+
+    def _tokenize(self, sequences: Sequences) -> Tensor:
+        """Tokens of packed trajectories, shape (R, S, 4, W); 0 in padding."""
+        tokens = self.timestep_embedding.weight.new_zeros(*sequences.segment.shape, TOKENS, self.config.width)
+        for task, steps in self._steps_by_task(sequences).items():
+            modules = self._modules_of(task)
+            time = self._embed_time(sequences.timestep[steps])  # (N, W)
+            tokens[steps] = torch.stack(
+                [modules.tokenizer(key)(sequences.items[key][steps]) + time for key in ORDER], dim=1
+            )
+        return tokens
+
+    def _embed_time(self, timestep: Tensor) -> Tensor:
+        # Steps beyond the table share its last entry.
+        return self.timestep_embedding(timestep.clamp(max=self.config.context_length - 1))
+
+    def _attention_mask(self, sequences: Sequences) -> Tensor:
+        """Additive mask (R, 1, 4S, 4S): a token sees the past of its own trajectory, within the context length."""
+        r, s = sequences.segment.shape
+        segment = sequences.segment.repeat_interleave(TOKENS, dim=1)
+        step = torch.arange(s, device=segment.device).repeat_interleave(TOKENS)
+        allowed = segment[:, :, None] == segment[:, None, :]
+        allowed &= torch.ones(s * TOKENS, s * TOKENS, dtype=torch.bool, device=segment.device).tril()
+        allowed &= step[:, None] - step[None, :] < self.config.context_length
+        mask = torch.zeros(r, 1, s * TOKENS, s * TOKENS, device=segment.device, dtype=self._compute_dtype())
+        return mask.masked_fill(~allowed[:, None], float("-inf"))
+
+    def _full_precision(self):
+        # Corrections near a goal are small beside the observations; only the transformer may work in bfloat16.
+        return torch.autocast(self.timestep_embedding.weight.device.type, enabled=False)
+
+    def _compute_dtype(self) -> torch.dtype:
+        device = self.timestep_embedding.weight.device.type
+        return torch.get_autocast_dtype(device) if torch.is_autocast_enabled(device) else torch.float32
+
+    def _act(self, hidden: Tensor, rows: dict[str, tuple[Tensor, ...]]) -> Tensor:
+        """Actions from hidden states (..., W), each by its task's head; zero-padded to the largest action."""
+        size = max(self.config.task_dims[task][2] for task in rows)
+        actions = hidden.new_zeros(*hidden.shape[:-1], size)
+        for task, where in rows.items():
+            predicted = self._modules_of(task).predict_action(hidden[where])
+            actions[where] = nn.functional.pad(predicted, (0, size - predicted.shape[-1]))
+        return actions
+
+    def _time_to_goal(self, task: str, step: int) -> float:
+        """Starts at the task's expected length and falls by one a step, never below one (Fu et al. 2024, IV-A)."""
+        return max(self.config.expected_steps[task] - step, 1.0)
+
+    def _step_tokens(self, items: dict[str, Tensor], step: int) -> Tensor:
+        """Tokens of some items of one step of the running episodes, shape (B, items, W)."""
+        device = self.timestep_embedding.weight.device
+        time = self._embed_time(torch.tensor(step, device=device))
+        tokens = time.repeat(len(self._history.tasks), len(items), 1)
+        for task in dict.fromkeys(self._history.tasks):
+            rows = [i for i, t in enumerate(self._history.tasks) if t == task]
+            for k, (key, value) in enumerate(items.items()):
+                tokenizer = self._modules_of(task).tokenizer(key)
+                tokens[rows, k] += tokenizer(value[rows])
+        return tokens
+
+    def _remember_tokens(self, steps: list[int]) -> Tensor:
+        """Notes the steps of new tokens; returns what they may attend to, booleans (1, 1, new tokens, kept tokens)."""
+        history = self._history
+        device = history.token_step.device
+        slots = (torch.arange(len(steps), device=device) + history.tokens) % len(history.token_step)
+        history.token_step[slots] = torch.tensor(steps, device=device)
+        history.tokens += len(steps)
+        kept = history.token_step[: history.tokens]
+        allowed = history.token_step[slots][:, None] - kept[None, :] < self.config.context_length
+        allowed[:, slots] &= torch.ones(len(steps), len(steps), dtype=torch.bool, device=device).tril()
+        return allowed[None, None]
+
+    def _check_observation(self, batch: dict[str, Tensor]) -> list[str]:
+        """Returns the task of each row after checking that the policy can act on the batch."""
+        missing = [key for key in (STATE, GOAL, "task") if key not in batch]
+        if missing:
+            raise KeyError(f"select_action needs {STATE}, {GOAL} and task; the batch lacks {', '.join(missing)}.")
+        tasks = [batch["task"]] if isinstance(batch["task"], str) else list(batch["task"])
+        for task in dict.fromkeys(tasks):
+            if task not in self.config.task_dims:
+                raise KeyError(f"Unknown task {task!r}; this policy knows {sorted(self.config.task_dims)}.")
+            state, goal, _ = self.config.task_dims[task]
+            for key, size in ((STATE, state), (GOAL, goal)):
+                # Several tasks in one batch share a tensor, padded to the largest of them.
+                width = batch[key].shape[-1] if len(set(tasks)) > 1 else size
+                if batch[key].shape != (len(tasks), max(width, size)):
+                    raise ValueError(
+                        f"{key} must have the shape ({len(tasks)}, {size}) for the task {task!r}, "
+                        f"got {tuple(batch[key].shape)}."
+                    )
+        return tasks

@@ -33,7 +33,8 @@ class ItemTokenizer(nn.Module):
         self.std.copy_(torch.where(std > 1e-4, std, 1.0))
 
     def forward(self, items: Tensor) -> Tensor:
-        return self.norm(self.linear((items - self.mean) / self.std))
+        """Tokens (..., width) of items (..., size); numbers beyond the size are padding."""
+        return self.norm(self.linear((items[..., : len(self.mean)] - self.mean) / self.std))
 
 
 class TaskModules(nn.Module):

@@ -12,6 +12,14 @@ import numpy as np
 from surrol_gym.envs.psm_env import STEP_SIZE
 
 
+NEAR_GAIN, NEAR = 0.5, 0.03
+"""Share of a small offset that one step covers, and how small that is, su.
+
+A learner hardly sees actions below its noise. Covering half of what is left in each step keeps the last corrections
+large enough to be learned; covering that much from afar would make the arm jerk.
+"""
+
+
 @dataclass(frozen=True)
 class Target:
     """Where a task's plan wants its arm.
@@ -20,14 +28,14 @@ class Target:
         offset: From link 5 to where it should be, shape (3,), su.
         turn: Rotation about the vertical that is left to do, radians.
         jaw: Gripper action: negative closes.
-        gain: Share of the offset that one step covers.
+        gain: Share of a large offset that one step covers; near the target it rises to ``NEAR_GAIN``.
         speed: Largest action along an axis.
     """
 
     offset: np.ndarray
     turn: float = 0.0
     jaw: float = -0.5
-    gain: float = 0.4
+    gain: float = 0.16
     speed: float = 1.0
 
 
@@ -46,8 +54,9 @@ class Expert:
     def act(self, observation):
         """Returns the action for an observation of the environment, shape (5,), float32, in [-1, 1]."""
         target = self._env.expert_target(observation)
-        motion = target.gain * target.offset / STEP_SIZE
-        motion *= min(1.0, target.speed / max(np.abs(motion).max(), 1e-12))
+        distance = np.abs(target.offset).max()
+        gain = target.gain + (NEAR_GAIN - target.gain) * np.exp(-distance / NEAR)
+        motion = target.offset * min(gain / STEP_SIZE, target.speed / max(distance, 1e-12))
         turn = np.clip(target.turn, -self._TURN_LIMIT, self._TURN_LIMIT)
         return np.array([*motion, turn, target.jaw], dtype=np.float32)
 

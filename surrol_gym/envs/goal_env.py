@@ -58,9 +58,10 @@ class GoalEnv(gym.Env):
     task_description: str
     """The task as a sentence; datasets store it and language-conditioned policies read it."""
     cameras: dict[str, Camera]
-    observation_size: int
-    goal_size: int
-    action_size: int
+    observation_names: tuple[str, ...]
+    """Name of each number of ``observation``; datasets carry them."""
+    goal_names: tuple[str, ...]
+    action_names: tuple[str, ...]
 
     def __init__(self, render_mode=None, camera="closeup", width=256, height=256):
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
@@ -70,14 +71,14 @@ class GoalEnv(gym.Env):
             )
         self.render_mode = render_mode
         self._picture = self._check_picture(camera, width, height)
-        self.action_space = gym.spaces.Box(-1.0, 1.0, (self.action_size,), np.float32)
+        self.action_space = gym.spaces.Box(-1.0, 1.0, (len(self.action_names),), np.float32)
         self.observation_space = gym.spaces.Dict(
             {
-                key: gym.spaces.Box(-_WORLD_EXTENT, _WORLD_EXTENT, (size,), np.float32)
-                for key, size in (
-                    ("observation", self.observation_size),
-                    ("achieved_goal", self.goal_size),
-                    ("desired_goal", self.goal_size),
+                key: gym.spaces.Box(-_WORLD_EXTENT, _WORLD_EXTENT, (len(names),), np.float32)
+                for key, names in (
+                    ("observation", self.observation_names),
+                    ("achieved_goal", self.goal_names),
+                    ("desired_goal", self.goal_names),
                 )
             }
         )
@@ -103,7 +104,7 @@ class GoalEnv(gym.Env):
 
     @abstractmethod
     def _sample_goal(self):
-        """Returns the desired goal of the settled scene, shape (goal_size,), drawing from ``self.np_random``."""
+        """Returns the desired goal of the settled scene, shape (G,), drawing from ``self.np_random``."""
 
     @abstractmethod
     def _apply_action(self, action):
@@ -115,11 +116,11 @@ class GoalEnv(gym.Env):
 
     @abstractmethod
     def _observe(self):
-        """Returns the observation vector, shape (observation_size,)."""
+        """Returns the observation vector, shape (O,)."""
 
     @abstractmethod
     def _achieved_goal(self):
-        """Returns the achieved goal, shape (goal_size,)."""
+        """Returns the achieved goal, shape (G,)."""
 
     @abstractmethod
     def _contact_force(self):
@@ -127,7 +128,7 @@ class GoalEnv(gym.Env):
 
     @abstractmethod
     def is_success(self, achieved_goal, desired_goal):
-        """Tests achieved against desired goals of shape (..., goal_size); returns booleans of shape (...)."""
+        """Tests achieved against desired goals of shape (..., G); returns booleans of shape (...)."""
 
     def _get_task_state(self):
         """Returns what the task must remember beside the simulation."""
@@ -140,10 +141,8 @@ class GoalEnv(gym.Env):
     # Gymnasium's API.
 
     def reset(self, *, seed=None, options=None):
-        """Starts an episode; see ``gymnasium.Env.reset``. There are no options."""
+        """Starts an episode; see ``gymnasium.Env.reset``. No task has options, so they are not looked at."""
         self._check_open()
-        if options:
-            raise ValueError(f"{self.task} has no reset options, got {options!r}; see the constructor's arguments.")
         super().reset(seed=seed)
         self.world.restore_built()
         self._pose_scene()
@@ -196,7 +195,7 @@ class GoalEnv(gym.Env):
     # The multi-goal API: everything vectorised over leading axes.
 
     def compute_reward(self, achieved_goal, desired_goal, info):
-        """Returns 0 where the goal is achieved and -1 elsewhere, for goals of shape (..., goal_size)."""
+        """Returns 0 where the goal is achieved and -1 elsewhere, for goals of shape (..., G)."""
         reward = np.asarray(self.is_success(achieved_goal, desired_goal), dtype=np.float32) - 1.0
         return reward if reward.ndim else float(reward)
 

@@ -62,7 +62,7 @@ class Grasp:
         self._touched = (False, False)
 
     def get_state(self):
-        """Returns what ``set_state`` needs: active, which jaws touch, frame of the attached object in link 5 or None."""
+        """Returns what ``set_state`` needs: active, which jaws touch, the attached object in the frame of link 5."""
         if not self.attached:
             return self._active, self._touched, None
         info = self._client.getConstraintInfo(self._constraint)

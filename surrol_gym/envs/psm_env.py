@@ -13,6 +13,9 @@ _WORKSPACE = np.array([[0.50, 0.60], [-0.05, 0.05], [0.675, 0.745]])  # metres (
 _WORKSPACE_PADDING = np.array([[-0.02, 0.02], [-0.02, 0.02], [0.0, 0.08]])  # su
 
 
+ROBOT_STATE_NAMES = ("psm1_x", "psm1_y", "psm1_z", "psm1_roll", "psm1_pitch", "psm1_yaw", "psm1_jaw")
+
+
 class PSMEnv(GoalEnv):
     """A task with one PSM whose tool points straight down.
 
@@ -21,7 +24,7 @@ class PSMEnv(GoalEnv):
     ``yaw_step``; a negative gripper closes the jaws, any other opens them to 40 degrees (facts, section 2).
     """
 
-    action_size = 5
+    action_names = ("psm1_dx", "psm1_dy", "psm1_dz", "psm1_dyaw", "psm1_gripper")
     start_position: tuple[float, float, float]
     """Position of link 5 at reset, su."""
     yaw_step = np.deg2rad(30)

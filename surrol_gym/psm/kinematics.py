@@ -96,7 +96,7 @@ def inverse(position, rotation, near=None, on_limit="raise"):
 
 
 def _shaft_frame(q1, q2):
-    """Axes of the frame that follows the shaft before it rolls (z3 points along the shaft); q1, q2 of shape (..., 1)."""
+    """Axes of the frame behind the roll joint, z3 along the shaft; q1 and q2 have the shape (..., 1)."""
     c1, s1, c2, s2 = np.cos(q1), np.sin(q1), np.cos(q2), np.sin(q2)
     return (
         np.concatenate([-s1 * s2, -c2, c1 * s2], axis=-1),

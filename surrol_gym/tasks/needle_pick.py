@@ -3,7 +3,7 @@
 import numpy as np
 
 from surrol_gym.envs.grasping import Grasp
-from surrol_gym.envs.psm_env import PSMEnv
+from surrol_gym.envs.psm_env import ROBOT_STATE_NAMES, PSMEnv
 from surrol_gym.experts import Target
 from surrol_gym.psm.arm import TIP_OFFSET
 from surrol_gym.tasks.needle import CAMERAS, Needle
@@ -13,6 +13,14 @@ ATTACH_HEIGHT = 0.025
 
 GRASP_HEIGHT = TIP_OFFSET - 0.0035
 """Height of link 5 above the needle's middle in the grasp, su (facts, section 5.3)."""
+
+HELD_JAW = (0.08, 0.45)
+"""Opening angle of jaws that hold the needle, radians: closed on nothing they are at 0, open at 0.7."""
+
+OPEN, CLOSE = 0.5, -0.5
+HOVER = 0.025
+ALIGNED = 0.0015
+LIFT_SPEED = 0.2
 
 
 class NeedlePickEnv(PSMEnv):
@@ -80,8 +88,13 @@ class NeedlePickEnv(PSMEnv):
     task = "NeedlePick"
     task_description = "Pick up the needle and bring its middle to the goal."
     cameras = CAMERAS
-    observation_size = 19
-    goal_size = 3
+    observation_names = (
+        *ROBOT_STATE_NAMES,
+        *("needle_x", "needle_y", "needle_z"),
+        *("needle_rel_x", "needle_rel_y", "needle_rel_z"),
+        *("middle_x", "middle_y", "middle_z", "middle_roll", "middle_pitch", "middle_yaw"),
+    )
+    goal_names = ("middle_x", "middle_y", "middle_z")
     start_position = (2.5, 0.25, 3.601)
 
     def __init__(self, randomize=True, **kwargs):
@@ -136,17 +149,11 @@ class NeedlePickEnv(PSMEnv):
         to_grasp = middle + (0.0, 0.0, GRASP_HEIGHT) - position
         lateral = np.hypot(to_grasp[0], to_grasp[1])
         if HELD_JAW[0] < jaw < HELD_JAW[1] and lateral < 0.02 and abs(to_grasp[2]) < 0.02:
-            return Target(observation["desired_goal"] - middle, jaw=CLOSE, gain=0.2, speed=0.4)
+            return Target(observation["desired_goal"] - middle, jaw=CLOSE, speed=LIFT_SPEED)
         # The jaws are symmetric: of the two orientations across the needle take the nearer one.
         turn = (needle_yaw - yaw + np.pi / 2) % np.pi - np.pi / 2
         misalignment = max(lateral, 0.05 * abs(turn))
-        if misalignment < 0.004 and abs(to_grasp[2]) < 0.0015:
-            return Target(to_grasp, turn, CLOSE, gain=GAIN)
-        clearance = np.clip(3 * (misalignment - 0.004), 0.0, 0.025)
-        return Target(to_grasp + (0.0, 0.0, clearance), turn, OPEN, gain=GAIN)
-
-
-HELD_JAW = (0.08, 0.45)
-"""Opening angle of jaws that hold the needle, radians: closed on nothing they are at 0, open at 0.7."""
-GAIN = np.array([0.185, 0.185, 0.4])
-OPEN, CLOSE = 0.5, -0.5
+        if misalignment < ALIGNED and abs(to_grasp[2]) < ALIGNED:
+            return Target(to_grasp, turn, CLOSE)
+        clearance = np.clip(3 * (misalignment - ALIGNED), 0.0, HOVER)
+        return Target(to_grasp + (0.0, 0.0, clearance), turn, OPEN)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from surrol_gym.envs.psm_env import PSMEnv
+from surrol_gym.envs.psm_env import ROBOT_STATE_NAMES, PSMEnv
 from surrol_gym.experts import Target
 from surrol_gym.tasks.needle import CAMERAS, Needle
 
@@ -66,8 +66,8 @@ class NeedleReachEnv(PSMEnv):
     task = "NeedleReach"
     task_description = "Move the closed jaw tips to the point above the needle."
     cameras = CAMERAS
-    observation_size = 7
-    goal_size = 3
+    observation_names = ROBOT_STATE_NAMES
+    goal_names = ("tip_x", "tip_y", "tip_z")
     start_position = (2.5, 0.25, 3.776)
     yaw_step = 0.0
     has_gripper = False
@@ -94,5 +94,5 @@ class NeedleReachEnv(PSMEnv):
 
     @staticmethod
     def expert_target(observation):
-        """Straight to the goal, at the speed of the original script (facts, section 5.1)."""
-        return Target(observation["desired_goal"] - observation["achieved_goal"], gain=0.5, speed=0.3)
+        """Straight to the goal, about as fast as the original script (facts, section 5.1)."""
+        return Target(observation["desired_goal"] - observation["achieved_goal"], gain=0.5, speed=0.31)

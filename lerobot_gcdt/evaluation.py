@@ -1,0 +1,125 @@
+"""Evaluation: policies, tasks and seeds in, one row an episode out."""
+
+from collections.abc import Iterable
+from math import sqrt
+
+import gymnasium as gym
+import numpy as np
+import pandas as pd
+import torch
+from lerobot.envs.utils import preprocess_observation
+from tqdm import tqdm
+
+import surrol_gym
+from lerobot_gcdt.surrol_env import SurRoLObservations
+
+WILSON_Z = 1.959964
+"""Quantile of the normal distribution for 95 % intervals."""
+
+
+def evaluate(policy, tasks: Iterable[str], seeds: Iterable[int], batch_size: int = 25) -> pd.DataFrame:
+    """Runs a policy from seeded starts, every episode to its time limit.
+
+    Args:
+        policy: Anything with LeRobot's ``reset()`` and ``select_action(batch)``.
+        tasks: Names of tasks, of ``surrol_gym.TASKS``.
+        seeds: Seed of the reset of each episode; the same for every task.
+        batch_size: Episodes that run side by side. It has no influence on their outcome beyond rounding.
+
+    Returns:
+        A row an episode: ``task``, ``seed``, ``reached`` (success at any step), ``held`` (success at the last step),
+        ``steps`` (to the first success, NaN without one), and ``achieved_goal`` and ``desired_goal`` at the end (lists,
+        su).
+
+    Raises:
+        ValueError: A task is unknown, or there are no seeds.
+    """
+    tasks, seeds = list(tasks), list(seeds)
+    unknown = set(tasks) - set(surrol_gym.TASKS)
+    if unknown or not seeds:
+        raise ValueError(
+            f"Cannot evaluate {sorted(unknown) or 'without seeds'}; tasks are {', '.join(surrol_gym.TASKS)}."
+        )
+    rows = []
+    with tqdm(total=len(tasks) * len(seeds), desc="Evaluating", unit="episode") as bar:
+        for task in tasks:
+            for start in range(0, len(seeds), batch_size):
+                batch = seeds[start : start + batch_size]
+                success, last = _rollout(policy, task, batch)
+                for i, seed in enumerate(batch):
+                    reached = success[:, i].any()
+                    rows.append(
+                        {
+                            "task": task,
+                            "seed": seed,
+                            "reached": bool(reached),
+                            "held": bool(success[-1, i]),
+                            "steps": np.argmax(success[:, i]) + 1.0 if reached else np.nan,
+                            "achieved_goal": last["achieved_goal"][i].tolist(),
+                            "desired_goal": last["desired_goal"][i].tolist(),
+                        }
+                    )
+                bar.update(len(batch))
+    return pd.DataFrame(rows)
+
+
+def observation_batch(observation: dict[str, np.ndarray], sentence: str) -> dict:
+    """Turns a batched observation of a ``surrol/`` environment into what LeRobot's policies take.
+
+    Args:
+        observation: Arrays of shape (B, size), as vector environments give them.
+        sentence: The environment's ``task_description``.
+
+    Returns:
+        ``observation.*`` tensors and ``task``, a sentence for each row.
+    """
+    batch = SurRoLObservations().observation(preprocess_observation(observation))
+    return batch | {"task": [sentence] * len(observation["observation"])}
+
+
+def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
+    """Computes the Wilson score interval of a success rate, 95 %.
+
+    Args:
+        successes: Number of successes.
+        trials: Number of trials, at least 1.
+
+    Returns:
+        Lower and upper bound.
+    """
+    rate, z2 = successes / trials, WILSON_Z**2
+    centre = rate + z2 / (2 * trials)
+    spread = WILSON_Z * sqrt(rate * (1 - rate) / trials + z2 / (4 * trials**2))
+    return max(0.0, (centre - spread) / (1 + z2 / trials)), min(1.0, (centre + spread) / (1 + z2 / trials))
+
+
+def describe(episodes: pd.DataFrame) -> str:
+    """Describes the episodes of ``evaluate``: success rates with intervals, a line a task and figure."""
+    lines = []
+    for task, rows in episodes.groupby("task", sort=False):
+        for figure in ("reached", "held"):
+            low, high = wilson_interval(int(rows[figure].sum()), len(rows))
+            lines.append(
+                f"{task} {figure:7} {rows[figure].mean():.2f}  (95 % interval {low:.3f}-{high:.3f}, "
+                f"{len(rows)} starts, seeds {rows.seed.min()}-{rows.seed.max()})"
+            )
+    return "\n".join(lines)
+
+
+def _rollout(policy, task: str, seeds: list[int]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Runs one episode a seed side by side; returns success by step, booleans (T, B), and the last observation."""
+    env_id = f"surrol/{task}-v0"
+    envs = gym.vector.SyncVectorEnv([lambda: gym.make(env_id, disable_env_checker=True)] * len(seeds))
+    try:
+        sentence = envs.get_attr("task_description")[0]
+        observation, _ = envs.reset(seed=seeds)
+        policy.reset()
+        success = []
+        for _ in range(gym.spec(env_id).max_episode_steps):
+            with torch.no_grad():
+                action = policy.select_action(observation_batch(observation, sentence))
+            observation, _, _, _, info = envs.step(action.cpu().numpy())
+            success.append(info["is_success"])
+    finally:
+        envs.close()
+    return np.stack(success), observation

@@ -1,0 +1,245 @@
+"""Recording expert demonstrations as LeRobot datasets, resumable at any moment.
+
+Every finished episode is first kept in a file of its own beside the dataset's folder. The dataset is built from these
+files when all are there, and takes its name only when it is whole. So an interrupted recording goes on where it was,
+and ends with the same dataset as one that was never interrupted.
+"""
+
+import json
+import os
+import shutil
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import datasets
+import gymnasium as gym
+import numpy as np
+from lerobot.datasets.lerobot_dataset import LeRobotDataset
+from tqdm import tqdm
+
+import surrol_gym
+from lerobot_gcdt.surrol_env import ENVIRONMENT_STATE
+from lerobot_gcdt.trajectories import ACHIEVED_GOAL, ACTION, GOAL, STATE, TIME_TO_GOAL
+
+RECORDING_FILE = "meta/surrol.json"
+"""Beside LeRobot's metadata: what it takes to replay any episode, and how the expert did."""
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What was asked for; two recordings with equal fields give the same dataset.
+
+    Attributes:
+        env_id: The environment.
+        episodes: How many successful episodes.
+        seed: Seed of the first episode; the following ones count up, failures are left out.
+        package_version: Version of this package.
+    """
+
+    env_id: str
+    episodes: int
+    seed: int
+    package_version: str
+
+
+def record(task: str, episodes: int, seed: int, root: str | Path, repo_id: str | None = None) -> Path:
+    """Records successful episodes of a task's scripted expert as a LeRobot dataset.
+
+    Args:
+        task: Name of the task, one of ``surrol_gym.TASKS``.
+        episodes: Number of successful episodes.
+        seed: Seed of the first episode.
+        root: Folder of the dataset; calling again with the same arguments goes on with an interrupted recording.
+        repo_id: Name of the dataset on the Hub; by default ``local/`` and the folder's name.
+
+    Returns:
+        The folder.
+
+    Raises:
+        ValueError: The task is unknown, a number is out of range, or the folder holds something else.
+    """
+    if task not in surrol_gym.TASKS:
+        raise ValueError(f"Unknown task {task!r}; choose one of {', '.join(surrol_gym.TASKS)}.")
+    if episodes < 1 or seed < 0:
+        raise ValueError(f"A recording needs at least one episode and a seed from 0, got {episodes} and {seed}.")
+    root = Path(root)
+    wanted = Recording(f"surrol/{task}-v0", episodes, seed, _package_version())
+    if root.exists():
+        _check_same(wanted, root / RECORDING_FILE, root)
+        print(f"{root} is complete already.")
+    else:
+        parts = root.with_name(root.name + ".recording")
+        _prepare_parts(wanted, parts)
+        env = gym.make(wanted.env_id)
+        try:
+            kept = _record_episodes(env, wanted, parts)
+            _build_dataset(env, wanted, kept, parts, root, repo_id or f"local/{root.name}")
+        finally:
+            env.close()
+        shutil.rmtree(parts)
+    print(summary(root))
+    return root
+
+
+def summary(root: str | Path) -> str:
+    """Describes a recorded dataset: the expert's success rate and its steps to success."""
+    facts = json.loads((Path(root) / RECORDING_FILE).read_text())
+    steps = np.array(facts["steps_to_success"])
+    return (
+        f"{facts['env_id']}: {len(steps)} episodes from {facts['attempts']} attempts of the expert "
+        f"(success rate {len(steps) / facts['attempts']:.3f}), first success after {steps.mean():.1f} steps "
+        f"({steps.min()}-{steps.max()})"
+    )
+
+
+def run_episode(env: gym.Env, seed: int) -> dict[str, np.ndarray]:
+    """Runs the expert for one episode, to the time limit.
+
+    Args:
+        env: The environment.
+        seed: Seed of the reset.
+
+    Returns:
+        Arrays over the steps: ``observation``, ``achieved_goal``, ``desired_goal`` before the step, ``action``, and
+        ``reward`` and ``success`` after it.
+    """
+    expert = surrol_gym.make_expert(env)
+    observation, _ = env.reset(seed=seed)
+    frames, truncated = [], False
+    while not truncated:
+        action = expert.act(observation)
+        following, reward, _, truncated, info = env.step(action)
+        frames.append(observation | {"action": action, "reward": np.float32(reward), "success": info["is_success"]})
+        observation = following
+    return {key: np.stack([frame[key] for frame in frames]) for key in frames[0]}
+
+
+def time_to_goal(success: np.ndarray) -> np.ndarray:
+    """Computes the steps that are left to the first success, 0 once it is reached.
+
+    Args:
+        success: Whether each step ended in success, shape (T,); at least one did.
+
+    Returns:
+        Shape (T,), float32; step t is before action t, so an action that succeeds at once starts at 1.
+    """
+    first = int(np.argmax(success)) + 1
+    return np.maximum(first - np.arange(len(success)), 0).astype(np.float32)
+
+
+def _record_episodes(env: gym.Env, wanted: Recording, parts: Path) -> list[Path]:
+    """Records attempts until enough succeeded; returns the files of the successful ones, in order of their seeds."""
+    kept: list[Path] = []
+    with tqdm(total=wanted.episodes, desc=f"Recording {env.unwrapped.task}", unit="episode") as bar:
+        attempt = 0
+        while len(kept) < wanted.episodes:
+            file = parts / f"{wanted.seed + attempt:09d}.npz"
+            if not file.exists():
+                unfinished = file.with_suffix(".unfinished")
+                with unfinished.open("wb") as stream:
+                    np.savez(stream, **run_episode(env, wanted.seed + attempt))
+                os.replace(unfinished, file)
+            with np.load(file) as episode:
+                if episode["success"].any():
+                    kept.append(file)
+                    bar.update()
+            attempt += 1
+            if attempt >= 20 and not kept:
+                raise RuntimeError(f"The expert failed in its first {attempt} attempts at {wanted.env_id}.")
+    return kept
+
+
+def _build_dataset(env: gym.Env, wanted: Recording, kept: list[Path], parts: Path, root: Path, repo_id: str) -> None:
+    """Writes the dataset beside its final place and moves it there in one step."""
+    building = parts / "dataset"
+    shutil.rmtree(building, ignore_errors=True)
+    datasets.disable_progress_bars()
+    dataset = LeRobotDataset.create(
+        repo_id,
+        fps=env.metadata["render_fps"],
+        features=_features(env),
+        root=building,
+        robot_type="dvrk_psm",
+        use_videos=False,
+    )
+    steps = []
+    for file in tqdm(kept, desc="Writing the dataset", unit="episode"):
+        with np.load(file) as arrays:
+            episode = dict(arrays)
+        remaining = time_to_goal(episode["success"])
+        steps.append(int(remaining[0]))
+        for t in range(len(remaining)):
+            dataset.add_frame(
+                {
+                    STATE: episode["observation"][t],
+                    ENVIRONMENT_STATE: episode["desired_goal"][t],
+                    GOAL: episode["desired_goal"][t],
+                    ACHIEVED_GOAL: episode["achieved_goal"][t],
+                    TIME_TO_GOAL: remaining[t : t + 1],
+                    ACTION: episode["action"][t],
+                    "next.reward": episode["reward"][t : t + 1],
+                    "next.success": episode["success"][t : t + 1],
+                    "task": env.unwrapped.task_description,
+                }
+            )
+        dataset.save_episode()
+    dataset.finalize()
+    facts = asdict(wanted) | {
+        "seeds": [int(file.stem) for file in kept],
+        "attempts": int(kept[-1].stem) - wanted.seed + 1,
+        "steps_to_success": steps,
+    }
+    (building / RECORDING_FILE).write_text(json.dumps(facts, indent=2) + "\n")
+    root.parent.mkdir(parents=True, exist_ok=True)
+    os.replace(building, root)
+
+
+def _features(env: gym.Env) -> dict[str, dict]:
+    """The dataset's features, every number named by the environment."""
+    unwrapped = env.unwrapped
+
+    def vector(names):
+        return {"dtype": "float32", "shape": (len(names),), "names": list(names)}
+
+    goal = unwrapped.goal_names
+    return {
+        STATE: vector(unwrapped.observation_names),
+        ENVIRONMENT_STATE: vector(goal),
+        GOAL: vector(goal),
+        ACHIEVED_GOAL: vector(goal),
+        TIME_TO_GOAL: vector(["steps"]),
+        ACTION: vector(unwrapped.action_names),
+        "next.reward": vector(["reward"]),
+        "next.success": {"dtype": "bool", "shape": (1,), "names": ["success"]},
+    }
+
+
+def _prepare_parts(wanted: Recording, parts: Path) -> None:
+    """Makes the folder of finished episodes, or checks that it belongs to the same recording."""
+    note = parts / "recording.json"
+    if note.exists():
+        _check_same(wanted, note, parts)
+        return
+    parts.mkdir(parents=True, exist_ok=True)
+    unfinished = note.with_suffix(".unfinished")
+    unfinished.write_text(json.dumps(asdict(wanted)))
+    os.replace(unfinished, note)
+
+
+def _check_same(wanted: Recording, note: Path, folder: Path) -> None:
+    """Raises if the folder is not the one of this recording."""
+    if not note.exists():
+        raise ValueError(f"{folder} exists and was not written by `gcdt record`; choose another --root.")
+    found = json.loads(note.read_text())
+    for name, value in asdict(wanted).items():
+        if found.get(name) != value:
+            raise ValueError(
+                f"{folder} holds a recording with {name} = {found.get(name)!r}, not {value!r}; choose another --root "
+                "or remove it."
+            )
+
+
+def _package_version() -> str:
+    from importlib.metadata import version
+
+    return version("lerobot_policy_gcdt")

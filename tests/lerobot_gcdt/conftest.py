@@ -1,0 +1,58 @@
+"""Small recorded datasets and a small model, shared by the tests of ``lerobot_gcdt``.
+
+The datasets are made once a session. Tests read them and must not write into them.
+"""
+
+import os
+
+# Nothing here needs the Hub; a test that would ask it fails at once instead of waiting for the network.
+os.environ.setdefault("HF_HUB_OFFLINE", "1")
+
+import datasets
+import pytest
+from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
+
+from lerobot_gcdt import GCDTConfig
+from lerobot_gcdt.recording import record
+
+EPISODES = 4
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _datasets_cache(tmp_path_factory):
+    """Keeps what Hugging Face Datasets caches of the small datasets out of the home folder."""
+    cache = tmp_path_factory.mktemp("datasets_cache")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("HF_DATASETS_CACHE", str(cache))
+        patch.setattr(datasets.config, "HF_DATASETS_CACHE", cache)
+        yield
+
+
+@pytest.fixture(scope="session")
+def needle_pick_root(tmp_path_factory):
+    """Folder of a NeedlePick dataset of four episodes."""
+    return record("NeedlePick", EPISODES, 0, tmp_path_factory.mktemp("datasets") / "needle_pick")
+
+
+@pytest.fixture(scope="session")
+def needle_reach_root(tmp_path_factory):
+    """Folder of a NeedleReach dataset of four episodes."""
+    return record("NeedleReach", EPISODES, 0, tmp_path_factory.mktemp("datasets") / "needle_reach")
+
+
+@pytest.fixture
+def needle_pick_meta(needle_pick_root):
+    """Metadata of the NeedlePick dataset, as LeRobot hands it to a policy."""
+    return LeRobotDatasetMetadata("local/needle_pick", root=needle_pick_root)
+
+
+@pytest.fixture
+def needle_reach_meta(needle_reach_root):
+    """Metadata of the NeedleReach dataset, as LeRobot hands it to a policy."""
+    return LeRobotDatasetMetadata("local/needle_reach", root=needle_reach_root)
+
+
+@pytest.fixture
+def tiny_config():
+    """A model of 2 layers and 32 numbers a token, on the CPU; each test gets its own."""
+    return GCDTConfig(layers=2, width=32, heads=2, inner_width=64, device="cpu", push_to_hub=False)

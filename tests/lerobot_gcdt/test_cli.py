@@ -1,0 +1,90 @@
+"""The console command ``gcdt``: helpful when asked, brief when wrong."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from lerobot.datasets.lerobot_dataset import LeRobotDataset
+
+from lerobot_gcdt import cli
+
+GCDT = Path(sys.executable).parent / "gcdt"
+
+
+def help_of(arguments: list[str], capsys) -> str:
+    with pytest.raises(SystemExit) as end:
+        cli.main([*arguments, "--help"])
+    assert end.value.code == 0
+    return capsys.readouterr().out
+
+
+@pytest.mark.parametrize("arguments", [[], ["record"]], ids=["gcdt", "gcdt record"])
+def test_help_shows_an_example(arguments, capsys):
+    printed = " ".join(help_of(arguments, capsys).split())
+    assert "gcdt record --task NeedlePick --episodes 100 --seed 0 --root" in printed
+
+
+def test_the_example_in_the_help_is_a_valid_command(capsys, monkeypatch, tmp_path):
+    calls = []
+    monkeypatch.setattr("lerobot_gcdt.recording.record", lambda *arguments: calls.append(arguments))
+    example = " ".join(help_of(["record"], capsys).split()).split("example: gcdt ")[1]
+    cli.main(example.split())
+    assert calls
+
+
+def test_record_makes_a_dataset(tmp_path, capsys):
+    root = tmp_path / "reach"
+    cli.main(["record", "--task", "NeedleReach", "--episodes", "1", "--seed", "3", "--root", str(root)])
+    assert LeRobotDataset("local/reach", root=root).num_episodes == 1
+    assert "success rate" in capsys.readouterr().out
+
+
+def test_an_unknown_task_ends_with_one_line_and_no_traceback(tmp_path):
+    command = [GCDT, "record", "--task", "NeedleThread", "--root", tmp_path / "x"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert done.returncode != 0
+    # PyBullet tells everybody when it was built, as soon as it is imported.
+    lines = [line for line in done.stderr.splitlines() if line and not line.startswith("pybullet build time")]
+    assert len(lines) == 1
+    assert "NeedleThread" in lines[0] and "NeedlePick" in lines[0]
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("changed", "named"),
+    [
+        (["--episodes", "0"], "0"),
+        (["--seed", "-1"], "-1"),
+        (["--task", "needlepick"], "needlepick"),
+    ],
+    ids=["no episodes", "negative seed", "task in lower case"],
+)
+def test_a_bad_argument_ends_with_one_line(changed, named, tmp_path):
+    arguments = ["record", "--task", "NeedleReach", "--root", str(tmp_path / "reach"), *changed]
+    with pytest.raises(SystemExit) as end:
+        cli.main(arguments)
+    assert isinstance(end.value.code, str), "the message becomes the line on stderr, and the status is not zero"
+    assert named in end.value.code
+    assert "\n" not in end.value.code
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_folder_with_something_else_ends_with_one_line(tmp_path):
+    (tmp_path / "thesis.txt").write_text("ten years of work")
+    with pytest.raises(SystemExit) as end:
+        cli.main(["record", "--task", "NeedleReach", "--episodes", "1", "--root", str(tmp_path)])
+    assert str(tmp_path) in str(end.value.code)
+    assert [path.name for path in tmp_path.iterdir()] == ["thesis.txt"]
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [[], ["sew"], ["record"], ["record", "--task", "NeedleReach", "--root", "x", "--episodes", "many"]],
+    ids=["no command", "unknown command", "nothing after the command", "no number"],
+)
+def test_a_malformed_command_exits_with_status_2_and_the_usage(arguments, capsys):
+    with pytest.raises(SystemExit) as end:
+        cli.main(arguments)
+    assert end.value.code == 2
+    assert "usage: gcdt" in capsys.readouterr().err

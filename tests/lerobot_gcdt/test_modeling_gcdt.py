@@ -1,0 +1,297 @@
+"""The policy: what it may see, what must not matter, and that remembering equals recomputing."""
+
+import copy
+
+import pytest
+import torch
+from lerobot.datasets.lerobot_dataset import LeRobotDatasetMetadata
+
+from lerobot_gcdt import GCDTConfig, GCDTPolicy
+from lerobot_gcdt.tokens import module_key
+from lerobot_gcdt.trajectories import ACTION, GOAL, STATE, TIME_TO_GOAL
+
+PICK = "Pick up the needle and bring its middle to the goal."
+REACH = "Move the closed jaw tips to the point above the needle."
+
+
+@pytest.fixture
+def policy(tiny_config, needle_pick_meta):
+    torch.manual_seed(0)
+    return GCDTPolicy(copy.deepcopy(tiny_config), dataset_meta=needle_pick_meta)
+
+
+@pytest.fixture
+def two_task_policy(tiny_config):
+    torch.manual_seed(0)
+    config = copy.deepcopy(tiny_config)
+    config.task_dims = {PICK: [19, 3, 5], REACH: [7, 3, 4]}
+    config.expected_steps = {PICK: 37.0, REACH: 20.0}
+    return GCDTPolicy(config).eval()
+
+
+def whole(policy, *episodes):
+    """The packed demonstrations of some episodes."""
+    index = torch.tensor(episodes) * 50
+    return policy._bank.sequences(index, torch.zeros(len(index), dtype=torch.bool), 100)
+
+
+def observation(batch, task=PICK, size=19):
+    return {STATE: torch.randn(batch, size), GOAL: torch.randn(batch, 3), "task": [task] * batch}
+
+
+# What the prediction may depend on.
+
+
+@pytest.mark.parametrize("key", [STATE, GOAL, TIME_TO_GOAL, ACTION])
+def test_a_change_after_t_changes_no_action_up_to_t(policy, key):
+    t = 20
+    sequences = whole(policy, 0)
+    before = policy.predict_actions(sequences)
+    changed = copy.deepcopy(sequences)
+    changed.items[key][:, t + 1 :] += 1
+    after = policy.predict_actions(changed)
+    assert torch.equal(before[:, : t + 1], after[:, : t + 1])
+    assert not torch.equal(before[:, t + 1 :], after[:, t + 1 :])
+
+
+def test_an_action_is_not_visible_to_its_own_prediction(policy):
+    sequences = whole(policy, 0)
+    before = policy.predict_actions(sequences)
+    sequences.items[ACTION][:, 20] += 1
+    after = policy.predict_actions(sequences)
+    assert torch.equal(before[:, :21], after[:, :21])
+    assert not torch.equal(before[:, 21], after[:, 21])
+
+
+@pytest.mark.parametrize("key", [STATE, GOAL, TIME_TO_GOAL])
+def test_an_action_depends_on_what_is_known_at_its_step(policy, key):
+    sequences = whole(policy, 0)
+    before = policy.predict_actions(sequences)
+    sequences.items[key][:, 20] += 1
+    assert not torch.equal(before[:, 20], policy.predict_actions(sequences)[:, 20])
+
+
+def test_other_trajectories_of_the_row_change_nothing(policy):
+    index = torch.tensor([45, 56, 107, 160])  # lengths 45, 6, 7, 10: the short ones share a row
+    sequences = policy._bank.sequences(index, torch.ones(4, dtype=torch.bool), 100)
+    assert len(sequences.segment) < 4
+    packed = policy.predict_actions(sequences)
+    for i in range(4):
+        alone = policy.predict_actions(policy._bank.sequences(index[i : i + 1], torch.ones(1, dtype=torch.bool), 100))
+        torch.testing.assert_close(packed[sequences.segment == i], alone[0], atol=1e-6, rtol=1e-5)
+
+
+def test_steps_beyond_the_context_length_are_out_of_sight(tiny_config, needle_pick_meta):
+    config = copy.deepcopy(tiny_config)
+    config.context_length, config.layers = 5, 1
+    policy = GCDTPolicy(config, dataset_meta=needle_pick_meta)
+    sequences = whole(policy, 0)
+    # Sequences of the bank are cut to the context; look at the mask with a longer one.
+    before = policy.predict_actions(sequences)
+    sequences.items[STATE][:, 10] += 1
+    changed = (before != policy.predict_actions(sequences)).any(-1)[0]
+    assert torch.nonzero(changed).flatten().tolist() == list(range(10, 15))
+
+
+# Remembering equals recomputing.
+
+
+@pytest.mark.parametrize("context_length", [100, 8])
+def test_the_cached_rollout_equals_the_full_forward_pass(tiny_config, needle_pick_meta, context_length):
+    torch.manual_seed(0)
+    config = copy.deepcopy(tiny_config)
+    config.context_length = context_length
+    policy = GCDTPolicy(config, dataset_meta=needle_pick_meta).eval()
+    sequences = whole(policy, 0)
+    sequences.items[TIME_TO_GOAL][0, :, 0] = torch.tensor([policy._time_to_goal(PICK, t) for t in range(50)])
+    rolled_out = []
+    for t in range(50):
+        batch = {STATE: sequences.items[STATE][:, t], GOAL: sequences.items[GOAL][:, t], "task": [PICK]}
+        rolled_out.append(policy.select_action(batch))
+    sequences.items[ACTION] = torch.stack(rolled_out, 1)
+    with torch.no_grad():
+        full = policy.predict_actions(sequences)
+    torch.testing.assert_close(sequences.items[ACTION], full, atol=1e-5, rtol=1e-5)
+
+
+def test_the_batch_size_changes_nothing(policy):
+    policy.eval()
+    batches = [observation(5) for _ in range(6)]
+    together = torch.stack([policy.select_action(batch) for batch in batches])
+    for row in range(5):
+        policy.reset()
+        alone = [
+            policy.select_action({STATE: b[STATE][row : row + 1], GOAL: b[GOAL][row : row + 1], "task": [PICK]})
+            for b in batches
+        ]
+        torch.testing.assert_close(together[:, row : row + 1], torch.stack(alone), atol=1e-6, rtol=1e-5)
+
+
+def test_reset_forgets_the_episode(policy):
+    policy.eval()
+    first, second = observation(2), observation(2)
+    fresh = policy.select_action(first)
+    assert not torch.equal(policy.select_action(first), fresh)
+    policy.select_action(second)
+    policy.reset()
+    assert torch.equal(policy.select_action(first), fresh)
+
+
+def test_history_matters(policy):
+    policy.eval()
+    now = observation(1)
+    policy.select_action(observation(1))
+    after_one = policy.select_action(now)
+    policy.reset()
+    policy.select_action(observation(1))
+    assert not torch.equal(after_one, policy.select_action(now))
+
+
+def test_inference_ignores_autocast(policy):
+    policy.eval()
+    batch = observation(2)
+    exact = policy.select_action(batch)
+    policy.reset()
+    with torch.autocast("cpu", torch.bfloat16):
+        assert torch.equal(policy.select_action(batch), exact)
+
+
+def test_time_to_goal_starts_at_the_expected_length_and_stays_above_zero(policy):
+    expected = policy.config.expected_steps[PICK]
+    assert policy._time_to_goal(PICK, 0) == pytest.approx(expected)
+    assert policy._time_to_goal(PICK, 10) == pytest.approx(expected - 10)
+    assert policy._time_to_goal(PICK, 99) == 1
+
+
+def test_a_chunk_is_one_action(policy):
+    policy.eval()
+    batch = observation(3)
+    chunk = policy.predict_action_chunk(batch)
+    policy.reset()
+    assert torch.equal(chunk[:, 0], policy.select_action(batch))
+    assert chunk.shape == (3, 1, 5)
+
+
+# Several tasks.
+
+
+def test_tasks_mix_within_a_batch(two_task_policy):
+    state = torch.randn(2, 19)
+    state[1, 7:] = 0  # padding of the smaller task
+    goal = torch.randn(2, 3)
+    mixed = two_task_policy.select_action({STATE: state, GOAL: goal, "task": [PICK, REACH]})
+    two_task_policy.reset()
+    pick = two_task_policy.select_action({STATE: state[:1], GOAL: goal[:1], "task": [PICK]})
+    two_task_policy.reset()
+    reach = two_task_policy.select_action({STATE: state[1:, :7], GOAL: goal[1:], "task": [REACH]})
+    assert mixed.shape == (2, 5) and reach.shape == (1, 4)
+    torch.testing.assert_close(mixed[:1], pick, atol=1e-6, rtol=1e-5)
+    torch.testing.assert_close(mixed[1:, :4], reach, atol=1e-6, rtol=1e-5)
+    assert mixed[1, 4] == 0
+
+
+def test_a_new_task_is_added_beside_the_known_ones(policy, needle_reach_root, tmp_path):
+    policy.save_pretrained(tmp_path)
+    meta = LeRobotDatasetMetadata("local/needle_reach", root=needle_reach_root)
+    tuned = GCDTPolicy.from_pretrained(tmp_path, dataset_meta=meta)
+    assert set(tuned.config.task_dims) == {PICK, REACH}
+    old, new = policy.state_dict(), tuned.state_dict()
+    assert all(torch.equal(value, new[key]) for key, value in old.items())
+
+
+# Training.
+
+
+def test_an_optimiser_step_lowers_the_loss(policy):
+    policy.eval()  # no relabelling: the same trajectories twice
+    batch = {"index": torch.arange(0, 150, 10)}
+    optimizer = torch.optim.AdamW(policy.get_optim_params(), lr=1e-3)
+    before, _ = policy.forward(batch)
+    before.backward()
+    optimizer.step()
+    after, log = policy.forward(batch)
+    assert after < before
+    assert log["action_loss"] == pytest.approx(after.item())
+
+
+def test_hindsight_happens_in_training_mode_only(policy):
+    batch = {"index": torch.arange(10, 50)}
+    policy.eval()
+    assert policy.forward(batch)[0] == policy.forward(batch)[0]
+    policy.train()
+    assert policy.forward(batch)[0] != policy.forward(batch)[0]
+
+
+def test_the_unreduced_loss_has_an_entry_a_frame(policy):
+    policy.eval()
+    batch = {"index": torch.tensor([0, 50, 100])}
+    each, _ = policy.forward(batch, reduction="none")
+    assert each.shape == (3,)
+    assert each.mean().item() == pytest.approx(policy.forward(batch)[0].item(), rel=1e-5)  # equally long episodes
+
+
+def test_observations_are_standardised_by_the_dataset(policy):
+    tokenizer = policy.tasks[module_key(PICK)].state
+    states = policy._bank.items[STATE]
+    scaled = (states - tokenizer.mean) / tokenizer.std
+    varying = states.std(0) > 1e-4
+    torch.testing.assert_close(scaled.mean(0), torch.zeros(19), atol=1e-3, rtol=0)
+    torch.testing.assert_close(scaled.std(0)[varying], torch.ones(int(varying.sum())), atol=1e-3, rtol=0)
+    assert scaled.abs().max() < 50  # numbers that hardly change do not explode
+
+
+# Saving and loading.
+
+
+def test_a_saved_policy_acts_the_same(policy, tmp_path):
+    policy.eval()
+    batch = observation(2)
+    action = policy.select_action(batch)
+    policy.save_pretrained(tmp_path)
+    loaded = GCDTPolicy.from_pretrained(tmp_path)
+    assert torch.equal(loaded.select_action(batch), action)
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["config.json", "model.safetensors"]
+
+
+def test_weights_that_do_not_fit_the_configuration_are_named(policy, tmp_path):
+    policy.save_pretrained(tmp_path)
+    config = GCDTConfig.from_pretrained(tmp_path)
+    config.task_dims = {PICK: [20, 3, 5]}
+    with pytest.raises(ValueError, match="do not fit"):
+        GCDTPolicy.from_pretrained(tmp_path, config=config)
+
+
+# Bad input.
+
+
+def test_an_unknown_task_names_the_known_ones(policy):
+    with pytest.raises(KeyError, match="(?s)Sew a button.*Pick up the needle"):
+        policy.select_action(observation(1, task="Sew a button."))
+
+
+def test_a_missing_observation_is_named(policy):
+    with pytest.raises(KeyError, match=GOAL):
+        policy.select_action({STATE: torch.zeros(1, 19), "task": [PICK]})
+
+
+def test_an_observation_of_another_size_names_both(policy):
+    with pytest.raises(ValueError, match=r"(?s)\(1, 19\).*\(1, 7\)"):
+        policy.select_action(observation(1, size=7))
+
+
+def test_another_batch_size_without_reset_is_an_error(policy):
+    policy.select_action(observation(2))
+    with pytest.raises(ValueError, match="reset"):
+        policy.select_action(observation(3))
+
+
+def test_a_dataset_of_other_dimensions_is_named(tiny_config, needle_pick_meta):
+    config = copy.deepcopy(tiny_config)
+    config.task_dims = {PICK: [12, 3, 5]}
+    with pytest.raises(ValueError, match=r"\[12, 3, 5\].*\[19, 3, 5\]"):
+        GCDTPolicy(config, dataset_meta=needle_pick_meta)
+
+
+def test_training_without_a_dataset_is_an_error(two_task_policy):
+    with pytest.raises(RuntimeError, match="dataset_meta"):
+        two_task_policy.forward({"index": torch.tensor([0])})

@@ -1,0 +1,457 @@
+"""A recording holds successful, replayable episodes, and the same command always ends with the same bytes."""
+
+import itertools
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from lerobot.datasets.lerobot_dataset import LeRobotDataset
+from lerobot.scripts import lerobot_edit_dataset
+
+from lerobot_gcdt import recording
+
+ROOTS = ["needle_pick_root", "needle_reach_root"]
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    """Every file under a folder, by relative path."""
+    return {str(p.relative_to(folder)): p.read_bytes() for p in Path(folder).rglob("*") if p.is_file()}
+
+
+def facts(root: Path) -> dict:
+    return json.loads((root / "meta" / "surrol.json").read_text())
+
+
+def episodes(root: Path) -> list[dict[str, np.ndarray]]:
+    """The dataset's columns, an entry an episode, read without LeRobot."""
+    table = pq.read_table(root / "data")
+    columns = {name: np.stack(table[name].to_numpy()) for name in table.column_names}
+    order = np.lexsort((columns["frame_index"], columns["episode_index"]))
+    columns = {name: column[order] for name, column in columns.items()}
+    return [
+        {name: column[columns["episode_index"] == i] for name, column in columns.items()}
+        for i in np.unique(columns["episode_index"])
+    ]
+
+
+@pytest.fixture(params=ROOTS)
+def root(request):
+    """Each of the recorded datasets."""
+    return request.getfixturevalue(request.param)
+
+
+@pytest.fixture(scope="module")
+def reach_pair(tmp_path_factory):
+    """The folder of a NeedleReach dataset of two episodes."""
+    return recording.record("NeedleReach", 2, 0, tmp_path_factory.mktemp("pair") / "needle_reach")
+
+
+# What a dataset holds.
+
+
+def test_every_episode_reaches_the_goal(root):
+    assert all(episode["next.success"].any() for episode in episodes(root))
+
+
+def test_as_many_episodes_as_asked_for(root):
+    assert len(episodes(root)) == facts(root)["episodes"]
+
+
+def test_episodes_run_to_the_time_limit(root):
+    limit = gym.spec(facts(root)["env_id"]).max_episode_steps
+    assert {len(episode["action"]) for episode in episodes(root)} == {limit}
+
+
+def test_failed_attempts_are_left_out(tmp_path, monkeypatch):
+    run_episode = recording.run_episode
+
+    def fails_at_seed_1(env, seed):
+        episode = run_episode(env, seed)
+        return episode | {"success": episode["success"] & (seed != 1)}
+
+    monkeypatch.setattr(recording, "run_episode", fails_at_seed_1)
+    root = recording.record("NeedleReach", 2, 0, tmp_path / "reach")
+    assert facts(root)["seeds"] == [0, 2]
+    assert facts(root)["attempts"] == 3
+    np.testing.assert_array_equal(episodes(root)[1]["action"], replay(root, 2)["action"])
+
+
+def test_an_expert_that_never_succeeds_is_an_error_and_leaves_no_dataset(tmp_path, monkeypatch):
+    failed = {"success": np.zeros(1, dtype=bool)}
+    monkeypatch.setattr(recording, "run_episode", lambda env, seed: failed)
+    with pytest.raises(RuntimeError, match="NeedleReach"):
+        recording.record("NeedleReach", 1, 0, tmp_path / "reach")
+    assert not (tmp_path / "reach").exists()
+
+
+def test_the_summary_tells_success_rate_and_steps(tmp_path, monkeypatch, capsys):
+    run_episode = recording.run_episode
+
+    def fails_at_seed_0(env, seed):
+        episode = run_episode(env, seed)
+        return episode | {"success": episode["success"] & (seed != 0)}
+
+    monkeypatch.setattr(recording, "run_episode", fails_at_seed_0)
+    root = recording.record("NeedleReach", 1, 0, tmp_path / "reach")
+    printed = capsys.readouterr().out
+    assert "0.500" in printed
+    assert str(facts(root)["steps_to_success"][0]) in printed
+
+
+def test_features_are_those_of_the_design(root):
+    names = gym.make(facts(root)["env_id"])
+    o, g, a = (len(getattr(names.unwrapped, f"{kind}_names")) for kind in ("observation", "goal", "action"))
+    names.close()
+    features = LeRobotDataset("local/x", root=root).features
+    bookkeeping = {"timestamp", "frame_index", "episode_index", "index", "task_index"}
+    assert {key: (f["dtype"], *f["shape"]) for key, f in features.items() if key not in bookkeeping} == {
+        "observation.state": ("float32", o),
+        "observation.environment_state": ("float32", g),
+        "observation.goal": ("float32", g),
+        "observation.achieved_goal": ("float32", g),
+        "observation.time_to_goal": ("float32", 1),
+        "action": ("float32", a),
+        "next.reward": ("float32", 1),
+        "next.success": ("bool", 1),
+    }
+
+
+def test_every_number_has_a_name_of_its_own(root):
+    features = LeRobotDataset("local/x", root=root).features
+    for key in [key for key in features if key.startswith(("observation.", "action", "next."))]:
+        assert len(set(features[key]["names"])) == features[key]["shape"][0], key
+
+
+def test_a_frame_is_one_control_step(root):
+    env = gym.make(facts(root)["env_id"])
+    fps = env.metadata["render_fps"]
+    env.close()
+    assert LeRobotDataset("local/x", root=root).fps == fps == 5
+
+
+def test_the_task_is_the_sentence_of_the_environment(root):
+    env = gym.make(facts(root)["env_id"])
+    sentence = env.unwrapped.task_description
+    env.close()
+    assert list(LeRobotDataset("local/x", root=root).meta.tasks.index) == [sentence]
+
+
+def test_time_to_goal_counts_down_to_the_first_success_and_stays_zero(root):
+    for episode in episodes(root):
+        to_first = np.flatnonzero(episode["next.success"])[0] + 1 - np.arange(len(episode["next.success"]))
+        np.testing.assert_array_equal(episode["observation.time_to_goal"], np.maximum(to_first, 0))
+
+
+def test_steps_to_success_are_where_time_to_goal_starts(root):
+    starts = [episode["observation.time_to_goal"][0] for episode in episodes(root)]
+    assert facts(root)["steps_to_success"] == starts
+
+
+def test_reward_is_zero_in_success_and_minus_one_otherwise(root):
+    for episode in episodes(root):
+        np.testing.assert_array_equal(episode["next.reward"], np.where(episode["next.success"], 0, -1))
+
+
+def test_the_goal_appears_for_lerobots_own_policies_too(root):
+    for episode in episodes(root):
+        np.testing.assert_array_equal(episode["observation.environment_state"], episode["observation.goal"])
+
+
+# Replaying.
+
+
+def replay(root: Path, seed: int, actions=None) -> dict[str, np.ndarray]:
+    """Runs an episode from its seed in a new environment, by the given actions or the expert's."""
+    env = gym.make(facts(root)["env_id"])
+    try:
+        if actions is None:
+            return recording.run_episode(env, seed)
+        observation, _ = env.reset(seed=seed)
+        frames = []
+        for action in actions:
+            following, reward, _, _, info = env.step(action)
+            frames.append(observation | {"reward": reward, "success": info["is_success"]})
+            observation = following
+        return {key: np.stack([frame[key] for frame in frames]) for key in frames[0]}
+    finally:
+        env.close()
+
+
+def test_every_episode_replays_from_its_seed_to_the_same_numbers(root):
+    for seed, episode in zip(facts(root)["seeds"], episodes(root), strict=True):
+        replayed = replay(root, seed, episode["action"])
+        np.testing.assert_array_equal(episode["observation.state"], replayed["observation"])
+        np.testing.assert_array_equal(episode["observation.goal"], replayed["desired_goal"])
+        np.testing.assert_array_equal(episode["observation.achieved_goal"], replayed["achieved_goal"])
+        np.testing.assert_array_equal(episode["next.reward"], replayed["reward"])
+        np.testing.assert_array_equal(episode["next.success"], replayed["success"])
+
+
+def test_the_expert_repeats_its_actions_from_the_seed(root):
+    seed, episode = facts(root)["seeds"][-1], episodes(root)[-1]
+    np.testing.assert_array_equal(episode["action"], replay(root, seed)["action"])
+
+
+# Other programs read it.
+
+
+def test_lerobot_loads_the_dataset(root):
+    dataset = LeRobotDataset("local/x", root=root)
+    stored = episodes(root)
+    assert dataset.num_episodes == len(stored)
+    assert len(dataset) == sum(len(episode["action"]) for episode in stored)
+    np.testing.assert_array_equal(dataset[len(stored[0]["action"])]["action"], stored[1]["action"][0])
+
+
+def test_lerobot_edit_dataset_describes_the_dataset(root, monkeypatch, capsys):
+    command = ["lerobot-edit-dataset", "--repo_id=local/x", f"--root={root}", "--operation.type=info"]
+    monkeypatch.setattr(sys, "argv", command)
+    lerobot_edit_dataset.main()
+    printed = capsys.readouterr().out
+    assert f"Total episode: {facts(root)['episodes']}" in printed
+    assert "FPS: 5" in printed
+
+
+# Time to goal.
+
+
+def test_time_to_goal_of_every_short_episode():
+    for length in range(1, 7):
+        for success in itertools.product([False, True], repeat=length):
+            if any(success):
+                expected = [max(success.index(True) + 1 - t, 0) for t in range(length)]
+                assert recording.time_to_goal(np.array(success)).tolist() == expected
+
+
+def test_time_to_goal_is_float32():
+    assert recording.time_to_goal(np.array([False, True])).dtype == np.float32
+
+
+# The same command, the same bytes.
+
+
+def test_the_same_arguments_give_the_same_bytes_in_another_folder(reach_pair, tmp_path):
+    again = recording.record("NeedleReach", 2, 0, tmp_path / "another_name")
+    assert files(again) == files(reach_pair)
+
+
+def test_another_seed_gives_other_data(reach_pair, tmp_path):
+    other = recording.record("NeedleReach", 2, 5, tmp_path / "other")
+    assert files(other)["data/chunk-000/file-000.parquet"] != files(reach_pair)["data/chunk-000/file-000.parquet"]
+
+
+def test_recording_leaves_nothing_beside_the_dataset(reach_pair):
+    assert [path.name for path in reach_pair.parent.iterdir()] == [reach_pair.name]
+
+
+def test_a_second_call_changes_nothing(reach_pair, capsys):
+    def state():
+        return {path: (path.stat().st_mtime_ns, path.stat().st_size) for path in sorted(reach_pair.parent.rglob("*"))}
+
+    before, contents = state(), files(reach_pair)
+    assert recording.record("NeedleReach", 2, 0, reach_pair) == reach_pair
+    assert state() == before
+    assert files(reach_pair) == contents
+    assert "complete" in capsys.readouterr().out
+
+
+def test_a_dataset_goes_into_a_folder_whose_parents_do_not_exist(tmp_path):
+    root = recording.record("NeedleReach", 1, 0, tmp_path / "deep" / "deeper" / "reach")
+    assert len(episodes(root)) == 1
+
+
+# Interruptions.
+
+# Ends the recording with SIGKILL at chosen moments: before the k-th time that Python touches the folder, or in the
+# middle of an episode. Children are forked, so that the imports are paid for once.
+_KILLED = """
+import os, signal, sys
+from lerobot_gcdt import recording
+from surrol_gym.envs.psm_env import PSMEnv
+
+TOUCHES = ("open", "os.mkdir", "os.rename", "os.rmdir", "os.remove", "shutil.rmtree")
+
+def die():
+    os.kill(os.getpid(), signal.SIGKILL)
+
+def count_touches(folder, at, call):
+    seen = 0
+    def hook(event, arguments):
+        nonlocal seen
+        if event in TOUCHES and any(str(a).startswith(folder) for a in arguments[:2]):
+            seen += 1
+            if seen == at:
+                call()
+    sys.addaudithook(hook)
+    return lambda: seen
+
+def count_steps(at, call):
+    apply, seen = PSMEnv._apply_action, 0
+    def counting(self, action):
+        nonlocal seen
+        seen += 1
+        if seen == at:
+            call()
+        return apply(self, action)
+    PSMEnv._apply_action = counting
+
+def in_child(work):
+    child = os.fork()
+    if child:
+        return os.waitpid(child, 0)[1]
+    work()
+    sys.stdout.flush()
+    os._exit(0)
+
+def record(folder):
+    recording.record("NeedleReach", 2, 0, folder)
+
+def new(name):
+    os.mkdir(os.path.join(sys.argv[1], name))
+    return os.path.join(sys.argv[1], name, "dataset")
+
+def killed(name, arm):
+    folder = new(name)
+    status = in_child(lambda: (arm(folder), record(folder)))
+    assert os.WIFSIGNALED(status) and os.WTERMSIG(status) == signal.SIGKILL, (name, status)
+    assert in_child(lambda: record(folder)) == 0, name
+
+def uninterrupted():
+    folder = new("uninterrupted")
+    seen = count_touches(folder, 0, die)
+    record(folder)
+    with open(os.path.join(sys.argv[1], "touches"), "w") as stream:
+        stream.write(str(seen()))
+
+assert in_child(uninterrupted) == 0
+touches = int(open(os.path.join(sys.argv[1], "touches")).read())
+os.remove(os.path.join(sys.argv[1], "touches"))
+for at in sorted({*range(1, touches, 6), *range(touches - 4, touches + 1)}):
+    killed(f"touch_{at}", lambda folder, at=at: count_touches(folder, at, die))
+for at in (1, 75):
+    killed(f"step_{at}", lambda folder, at=at: count_steps(at, die))
+"""
+
+
+@pytest.fixture(scope="module")
+def killed_recordings(tmp_path_factory):
+    """Folders of recordings that were killed once and run again, and of one that was not."""
+    folder = tmp_path_factory.mktemp("killed")
+    done = subprocess.run([sys.executable, "-c", _KILLED, str(folder)], capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr[-3000:]
+    return folder
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="forks children to kill")
+def test_a_killed_recording_goes_on_to_the_same_bytes(killed_recordings):
+    expected = files(killed_recordings / "uninterrupted" / "dataset")
+    different = [
+        run.name for run in sorted(killed_recordings.iterdir()) if files(run / "dataset") != expected
+    ]
+    assert expected
+    assert not different
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="forks children to kill")
+def test_a_killed_recording_leaves_nothing_beside_the_dataset_in_the_end(killed_recordings):
+    leftovers = {
+        run.name: beside
+        for run in sorted(killed_recordings.iterdir())
+        if (beside := [path.name for path in run.iterdir() if path.name != "dataset"])
+    }
+    assert not leftovers
+
+
+def test_finished_episodes_are_not_run_again(tmp_path, monkeypatch):
+    run_episode = recording.run_episode
+    ran = []
+
+    def interrupted_in_the_second(env, seed):
+        ran.append(seed)
+        if len(ran) == 2:
+            raise KeyboardInterrupt
+        return run_episode(env, seed)
+
+    monkeypatch.setattr(recording, "run_episode", interrupted_in_the_second)
+    with pytest.raises(KeyboardInterrupt):
+        recording.record("NeedleReach", 2, 0, tmp_path / "reach")
+    assert not (tmp_path / "reach").exists()
+    recording.record("NeedleReach", 2, 0, tmp_path / "reach")
+    assert ran == [0, 1, 1]
+
+
+# Bad input: one clear error, nothing damaged.
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (("NeedleReach", 2, 7), "seed"),
+        (("NeedleReach", 3, 0), "episodes"),
+        (("NeedlePick", 2, 0), "NeedlePick"),
+    ],
+    ids=["other seed", "other number of episodes", "other task"],
+)
+def test_a_folder_with_another_recording_stays_as_it_is(reach_pair, arguments, named):
+    before = files(reach_pair)
+    with pytest.raises(ValueError, match=named) as error:
+        recording.record(*arguments, reach_pair)
+    assert str(reach_pair) in str(error.value)
+    assert files(reach_pair) == before
+    assert [path.name for path in reach_pair.parent.iterdir()] == [reach_pair.name]
+
+
+def test_a_folder_with_another_unfinished_recording_stays_as_it_is(tmp_path, monkeypatch):
+    def interrupted(env, seed):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(recording, "run_episode", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        recording.record("NeedleReach", 2, 0, tmp_path / "reach")
+    before = files(tmp_path)
+    with pytest.raises(ValueError, match="seed"):
+        recording.record("NeedleReach", 2, 7, tmp_path / "reach")
+    assert files(tmp_path) == before
+
+
+@pytest.mark.parametrize("name", ["reach", "reach.recording"])
+def test_a_folder_with_something_else_stays_as_it_is(tmp_path, name):
+    (tmp_path / name).mkdir()
+    (tmp_path / name / "thesis.txt").write_text("ten years of work")
+    with pytest.raises(ValueError, match=name):
+        recording.record("NeedleReach", 1, 0, tmp_path / "reach")
+    assert files(tmp_path) == {f"{name}/thesis.txt": b"ten years of work"}
+
+
+def test_a_file_in_place_of_the_folder_stays_as_it_is(tmp_path):
+    (tmp_path / "reach").write_text("a file")
+    with pytest.raises(ValueError, match="reach"):
+        recording.record("NeedleReach", 1, 0, tmp_path / "reach")
+    assert files(tmp_path) == {"reach": b"a file"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (("NeedleThread", 1, 0), "NeedleThread"),
+        (("NeedleReach", 0, 0), "0"),
+        (("NeedleReach", -3, 0), "-3"),
+        (("NeedleReach", 1, -1), "-1"),
+    ],
+    ids=["unknown task", "no episodes", "negative episodes", "negative seed"],
+)
+def test_bad_arguments_leave_no_trace(tmp_path, arguments, named):
+    with pytest.raises(ValueError, match=named):
+        recording.record(*arguments, tmp_path / "reach")
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_unknown_task_is_answered_with_the_known_ones(tmp_path):
+    with pytest.raises(ValueError, match="NeedleReach, NeedlePick"):
+        recording.record("NeedleThread", 1, 0, tmp_path / "reach")

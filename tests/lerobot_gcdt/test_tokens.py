@@ -1,0 +1,53 @@
+"""Tokenizers and heads of a task."""
+
+import pytest
+import torch
+
+from lerobot_gcdt.tokens import ORDER, ItemTokenizer, TaskModules, module_key
+from lerobot_gcdt.trajectories import ACTION, GOAL, STATE, TIME_TO_GOAL
+
+
+def test_the_tokens_of_a_step_come_in_the_papers_order():
+    assert ORDER == (TIME_TO_GOAL, GOAL, STATE, ACTION)
+
+
+def test_tokens_are_layer_normalised():
+    tokens = ItemTokenizer(3, 16)(torch.randn(5, 3))
+    torch.testing.assert_close(tokens.mean(-1), torch.zeros(5), atol=1e-5, rtol=0)
+    torch.testing.assert_close(tokens.var(-1, unbiased=False), torch.ones(5), atol=1e-2, rtol=0)
+
+
+def test_fitting_makes_scale_and_offset_of_the_items_irrelevant():
+    torch.manual_seed(0)
+    plain, scaled = ItemTokenizer(2, 8), ItemTokenizer(2, 8)
+    scaled.load_state_dict(plain.state_dict())
+    items = torch.randn(100, 2)
+    plain.fit(items)
+    scaled.fit(1000 * items + 5)
+    torch.testing.assert_close(plain(items), scaled(1000 * items + 5), atol=1e-3, rtol=1e-3)
+
+
+def test_constant_numbers_are_only_centred():
+    tokenizer = ItemTokenizer(1, 8)
+    tokenizer.fit(torch.full((10, 1), 7.0))
+    assert (tokenizer.mean.item(), tokenizer.std.item()) == (7, 1)
+
+
+def test_numbers_beyond_the_size_are_padding():
+    tokenizer, items = ItemTokenizer(3, 8), torch.randn(4, 5)
+    assert torch.equal(tokenizer(items), tokenizer(items[:, :3]))
+
+
+def test_actions_are_bounded():
+    actions = TaskModules([7, 3, 5], 8).predict_action(100 * torch.randn(50, 8))
+    assert actions.shape == (50, 5)
+    assert actions.abs().max() <= 1
+
+
+@pytest.mark.parametrize(("key", "size"), [(TIME_TO_GOAL, 1), (GOAL, 3), (STATE, 7), (ACTION, 5)])
+def test_every_kind_of_item_has_a_tokenizer_of_its_size(key, size):
+    assert len(TaskModules([7, 3, 5], 8).tokenizer(key).mean) == size
+
+
+def test_sentences_become_module_names():
+    assert module_key("Pick up the needle, twice.") == "pick_up_the_needle_twice"

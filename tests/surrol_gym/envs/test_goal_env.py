@@ -1,0 +1,591 @@
+import pickle
+import random
+import subprocess
+import sys
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.envs.registration import EnvSpec
+from gymnasium.error import ClosedEnvironmentError, NameNotFound, VersionNotFound
+from gymnasium.utils.env_checker import check_env
+
+import surrol_gym
+
+# Sizes of observation, goal and action (Table I of the paper) and steps of an episode (headline table of the facts).
+SIZES = {
+    "NeedleReach": (7, 3, 5, 50),
+    "GauzeRetrieve": (19, 3, 5, 50),
+    "NeedlePick": (19, 3, 5, 50),
+    "PegTransfer": (19, 3, 5, 50),
+    "NeedleRegrasp": (35, 3, 10, 50),
+    "BiPegTransfer": (35, 3, 10, 100),
+    "BiPegBoard": (35, 3, 10, 100),
+    "MatchBoardPanel": (31, 6, 5, 100),
+    "PickAndPlace": (31, 6, 5, 100),
+    "MatchBoard": (20, 3, 5, 100),
+}
+all_tasks = pytest.mark.parametrize("task", surrol_gym.TASKS)
+
+
+# -------------------------------------------------------------------------------------- how the tests record an episode
+
+
+def snapshot(observation, reward=0.0, info=None):
+    """What the environment returned, as bytes."""
+    info = info or {}
+    numbers = [reward, *(float(info.get(key, 0)) for key in ("is_success", "contact_force", "workspace_clipped"))]
+    return b"".join(observation[key].tobytes() for key in sorted(observation)) + np.array(numbers).tobytes()
+
+
+def play(env, actions):
+    """Snapshots of the steps of given actions."""
+    snapshots = []
+    for action in actions:
+        observation, reward, _, _, info = env.step(action)
+        snapshots.append(snapshot(observation, reward, info))
+    return snapshots
+
+
+def episode(env, seed, steps=50):
+    """Snapshots and actions of an episode of the expert with noise, so that the arm touches things."""
+    expert = surrol_gym.make_expert(env)
+    noise = np.random.default_rng(seed).normal(0.0, 0.1, (steps, *env.action_space.shape))
+    observation, info = env.reset(seed=seed)
+    snapshots, actions = [snapshot(observation, info=info)], []
+    for deviation in noise:
+        actions.append(np.clip(expert.act(observation) + deviation, -1, 1).astype(np.float32))
+        observation, reward, _, _, info = env.step(actions[-1])
+        snapshots.append(snapshot(observation, reward, info))
+    return snapshots, actions
+
+
+def print_episodes(seed, steps):
+    """Prints the snapshots of an episode of every task in hex, one a line; other processes call it."""
+    for task in surrol_gym.TASKS:
+        env = gym.make(f"surrol/{task}-v0")
+        for shot in episode(env, seed, steps)[0]:
+            print(task, shot.hex())
+
+
+def random_actions(env, count, seed=0):
+    return np.random.default_rng(seed).uniform(-1, 1, (count, *env.action_space.shape)).astype(np.float32)
+
+
+@pytest.fixture(scope="module")
+def recorded(env):
+    """Snapshots and actions of an episode from seed 6."""
+    return episode(env, 6)
+
+
+@pytest.fixture(scope="module")
+def demonstration(env):
+    """What ``step`` returned in a whole episode of the expert."""
+    expert = surrol_gym.make_expert(env)
+    observation, _ = env.reset(seed=0)
+    returned = [env.step(expert.act(observation))]
+    while not returned[-1][3]:
+        returned.append(env.step(expert.act(returned[-1][0])))
+    return returned
+
+
+# ------------------------------------------------------------------------------------------------------ Gymnasium's API
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("render_mode", [None, "rgb_array"])
+@all_tasks
+def test_gymnasiums_checker_has_no_complaint(make, task, render_mode):
+    assert check_env(make(task, render_mode=render_mode).unwrapped) is None
+
+
+def test_sizes_are_those_of_the_papers_table(env):
+    observation_size, goal_size, action_size, _ = SIZES[env.unwrapped.task]
+    assert {key: space.shape for key, space in env.observation_space.items()} == {
+        "observation": (observation_size,),
+        "achieved_goal": (goal_size,),
+        "desired_goal": (goal_size,),
+    }
+    assert env.action_space == gym.spaces.Box(-1.0, 1.0, (action_size,), np.float32)
+    observation, _ = env.reset(seed=0)
+    for key, space in env.observation_space.items():
+        assert (observation[key].shape, observation[key].dtype, space.dtype) == (space.shape, np.float32, np.float32)
+
+
+def test_every_number_of_observation_goal_and_action_has_its_own_name(env):
+    observation_size, goal_size, action_size, _ = SIZES[env.unwrapped.task]
+    named = env.unwrapped.observation_names, env.unwrapped.goal_names, env.unwrapped.action_names
+    assert [len(names) for names in named] == [observation_size, goal_size, action_size]
+    assert all(len(set(names)) == len(names) for names in named)
+
+
+def test_observations_stay_in_their_space_whatever_the_action(env):
+    env.reset(seed=0)
+    low, high = env.action_space.low, env.action_space.high
+    for action in (*random_actions(env, 20), *[low] * 10, *[high] * 10):
+        observation, reward, _, _, info = env.step(action)
+        assert observation in env.observation_space
+        assert reward in (-1.0, 0.0)
+        assert np.isfinite(info["contact_force"])
+
+
+def test_only_the_time_limit_ends_an_episode(env, demonstration):
+    limit = SIZES[env.unwrapped.task][3]
+    assert env.spec.max_episode_steps == limit
+    assert any(info["is_success"] for *_, info in demonstration[:-1])
+    ends = [(terminated, truncated) for _, _, terminated, truncated, _ in demonstration]
+    assert ends == [(False, False)] * (limit - 1) + [(False, True)]
+
+
+def test_info_says_success_force_and_clipping_at_reset_and_in_every_step(env):
+    _, info = env.reset(seed=0)
+    infos = [info, *(env.step(action)[4] for action in random_actions(env, 3))]
+    for info in infos:
+        assert {key: type(value) for key, value in info.items()} == {
+            "is_success": bool,
+            "contact_force": float,
+            "workspace_clipped": bool,
+        }
+        assert info["contact_force"] >= 0
+
+
+def test_actions_are_clipped_to_one(env):
+    action = random_actions(env, 1)[0]
+    for factor in (10, -10):
+        env.reset(seed=0)
+        beyond = play(env, [factor * action])
+        env.reset(seed=0)
+        assert beyond == play(env, [np.clip(factor * action, -1, 1)])
+
+
+def test_the_action_is_left_as_it_was(env):
+    env.reset(seed=0)
+    action = 3 * random_actions(env, 1)[0]
+    before = action.copy()
+    env.step(action)
+    np.testing.assert_array_equal(action, before)
+
+
+def test_reset_options_make_no_difference(env):
+    plain, _ = env.reset(seed=0)
+    with_options, _ = env.reset(seed=0, options={"whatever": 1})
+    assert snapshot(with_options) == snapshot(plain)
+
+
+def test_a_reset_without_seed_draws_another_start(env):
+    first, _ = env.reset(seed=0)
+    second, _ = env.reset()
+    assert snapshot(first) != snapshot(second)
+
+
+def test_tasks_describe_themselves_in_a_sentence(env):
+    sentence = env.unwrapped.task_description
+    assert sentence[0].isupper()
+    assert sentence.endswith(".")
+    assert "\n" not in sentence
+
+
+@all_tasks
+def test_a_spec_makes_the_same_environment_again(make, task):
+    original = make(task, render_mode="rgb_array", width=32, height=24)
+    original.reset(seed=5)
+    for spec in (
+        original.spec,
+        pickle.loads(pickle.dumps(original.spec)),
+        EnvSpec.from_json(original.spec.to_json()),
+    ):
+        again = gym.make(spec)
+        assert again.spec == original.spec
+        again.reset(seed=5)
+        np.testing.assert_array_equal(again.render(), original.render())
+        again.close()
+
+
+# --------------------------------------------------------------------------------------------------- the goal interface
+
+
+def test_the_reward_of_a_step_is_that_of_its_goals(env, demonstration):
+    observations, rewards, _, _, infos = zip(*demonstration, strict=True)
+    assert set(rewards) == {-1.0, 0.0}
+    assert [reward == 0 for reward in rewards] == [info["is_success"] for info in infos]
+    achieved, desired = (np.array([one[key] for one in observations]) for key in ("achieved_goal", "desired_goal"))
+    np.testing.assert_array_equal(env.unwrapped.compute_reward(achieved, desired, infos), rewards)
+    for goal, target, reward, info in zip(achieved, desired, rewards, infos, strict=True):
+        assert env.unwrapped.compute_reward(goal, target, info) == reward
+
+
+@pytest.mark.parametrize("shape", [(1,), (4,), (2, 3), (2, 1, 2), (0,)])
+def test_goal_functions_are_vectorised_over_leading_axes(env, shape):
+    compute = env.unwrapped
+    size = SIZES[compute.task][1]
+    rng = np.random.default_rng(0)
+    desired = rng.uniform(2, 4, (*shape, size))
+    achieved = desired + rng.normal(0, 0.01, (*shape, size))
+    reward = compute.compute_reward(achieved, desired, {})
+    terminated = compute.compute_terminated(achieved, desired, {})
+    truncated = compute.compute_truncated(achieved, desired, {})
+    assert reward.shape == terminated.shape == truncated.shape == shape
+    assert not np.any(terminated)
+    assert not np.any(truncated)
+    for index in np.ndindex(shape):
+        assert reward[index] == compute.compute_reward(achieved[index], desired[index], {})
+
+
+def test_goal_functions_of_a_single_goal_are_plain_numbers(env):
+    goal = np.ones(SIZES[env.unwrapped.task][1])
+    assert env.unwrapped.compute_reward(goal, goal, {}) == 0.0
+    assert env.unwrapped.compute_reward(goal + 1, goal, {}) == -1.0
+    assert env.unwrapped.compute_terminated(goal, goal, {}) is False
+    assert env.unwrapped.compute_truncated(goal, goal, {}) is False
+
+
+# -------------------------------------------------------------------------------------------------------------- seeding
+
+
+def test_the_same_seed_gives_the_same_bytes_in_another_process(capsys):
+    code = "import runpy, sys; runpy.run_path(sys.argv[1])['print_episodes'](11, 32)"
+    result = subprocess.run([sys.executable, "-c", code, __file__], capture_output=True, text=True, check=True)
+    print_episodes(11, 32)
+    for task in surrol_gym.TASKS:
+        theirs = [line for line in result.stdout.splitlines() if line.startswith(f"{task} ")]
+        assert len(theirs) == 33
+    tasks = tuple(f"{task} " for task in surrol_gym.TASKS)
+    ours = [line for line in capsys.readouterr().out.splitlines() if line.startswith(tasks)]
+    assert ours == [line for line in result.stdout.splitlines() if line.startswith(tasks)]
+
+
+def test_the_order_of_resets_does_not_matter(env):
+    first = {seed: episode(env, seed, steps=34)[0] for seed in (3, 5)}
+    second = {seed: episode(env, seed, steps=34)[0] for seed in (5, 3)}
+    assert first == second
+    assert first[3] != first[5]
+
+
+def test_a_used_environment_behaves_as_a_new_one(make, env, recorded):
+    fresh = make(env.unwrapped.task)
+    assert episode(fresh, 6)[0] == recorded[0]
+
+
+def test_two_environments_in_one_process_do_not_touch(make, env, recorded):
+    other = make(env.unwrapped.task)
+    env.reset(seed=6)
+    other.reset(seed=7)
+    for shot, action in zip(recorded[0][1:], recorded[1], strict=True):
+        assert play(env, [action]) == [shot]
+        other.step(-action)
+
+
+@all_tasks
+def test_vector_environments_give_the_same_bytes_as_single_ones(make, task):
+    """Sync and Async, through the end of an episode and the reset that follows it."""
+    seeds, limit = (21, 22), 32
+    single = make(task, max_episode_steps=limit)
+    expected, actions = [], []
+    for seed in seeds:
+        shots, taken = episode(single, seed, limit)
+        shots.append(snapshot(single.reset()[0]))
+        after = random_actions(single, 3, seed)
+        expected.append(shots + play(single, after))
+        actions.append([*taken, after[0], *after])  # the action of the step that resets is ignored
+    for mode, vector_kwargs in (("sync", {}), ("async", {"context": "spawn"})):
+        vector = gym.make_vec(single.spec, len(seeds), mode, vector_kwargs)
+        observations, infos = vector.reset(seed=list(seeds))
+        recorded = [[row_snapshot(observations, 0.0, infos, row)] for row in range(len(seeds))]
+        for row_actions in zip(*actions, strict=True):
+            observations, rewards, _, _, infos = vector.step(np.array(row_actions))
+            for row in range(len(seeds)):
+                recorded[row].append(row_snapshot(observations, rewards[row], infos, row))
+        vector.close()
+        assert recorded == expected, mode
+
+
+def row_snapshot(observations, reward, infos, row):
+    observation = {key: value[row] for key, value in observations.items()}
+    return snapshot(observation, reward, {key: infos[key][row] for key in infos if not key.startswith("_")})
+
+
+def global_state():
+    return pickle.dumps((np.random.get_state(), random.getstate()))  # noqa: NPY002
+
+
+def test_the_global_generators_are_neither_read_nor_advanced(env, recorded):
+    np.random.seed(1)  # noqa: NPY002
+    random.seed(1)
+    before = global_state()
+    assert episode(env, 6)[0] == recorded[0]
+    assert global_state() == before
+
+
+def test_a_step_draws_no_random_numbers(env):
+    env.reset(seed=0)
+    before = env.unwrapped.np_random.bit_generator.state
+    play(env, random_actions(env, 5))
+    assert env.unwrapped.np_random.bit_generator.state == before
+
+
+# ------------------------------------------------------------------------------------------------- saving and restoring
+
+
+def test_an_episode_continues_from_a_saved_state_as_if_never_left(env, recorded):
+    """Saved at several moments, restored in another order, once twice, and played on to the end once."""
+    shots, actions = recorded
+    env.reset(seed=6)
+    states = []
+    for action in actions:
+        states.append(env.unwrapped.get_state())
+        env.step(action)
+    for moment, end in ((35, 40), (0, 5), (27, 40), (27, 40), (12, 20), (31, 50)):
+        env.unwrapped.set_state(states[moment])
+        assert play(env.unwrapped, actions[moment:end]) == shots[moment + 1 : end + 1]
+
+
+@pytest.mark.parametrize("moment", [0, 30])
+def test_a_state_can_be_restored_in_another_environment(make, env, recorded, moment):
+    shots, actions = recorded
+    env.reset(seed=6)
+    play(env, actions[:moment])
+    state = pickle.loads(pickle.dumps(env.unwrapped.get_state()))
+    used = make(env.unwrapped.task)
+    episode(used, 9, steps=30)
+    used.unwrapped.set_state(state)
+    assert play(used.unwrapped, actions[moment : moment + 15]) == shots[moment + 1 : moment + 16]
+
+
+def test_a_state_can_be_restored_in_an_environment_that_was_never_reset(make, env, recorded):
+    shots, actions = recorded
+    env.reset(seed=6)
+    fresh = make(env.unwrapped.task).unwrapped
+    fresh.set_state(env.unwrapped.get_state())
+    assert play(fresh, actions[:15]) == shots[1:16]
+
+
+def test_set_state_returns_the_observation_of_that_moment(env):
+    env.reset(seed=0)
+    observation = [env.step(action)[0] for action in random_actions(env, 8)][-1]
+    state = env.unwrapped.get_state()
+    env.reset(seed=1)
+    assert snapshot(env.unwrapped.set_state(state)) == snapshot(observation)
+
+
+def test_looking_at_the_state_or_at_a_picture_changes_nothing(env, recorded):
+    shots, actions = recorded
+    env.reset(seed=6)
+    for step, action in enumerate(actions[:40]):
+        env.unwrapped.get_state()
+        if step % 6 == 0 or step > 30:
+            env.unwrapped.picture(width=16, height=16)
+        assert play(env, [action]) == [shots[step + 1]]
+
+
+def test_a_state_holds_the_random_generator(env):
+    env.reset(seed=0)
+    state = env.unwrapped.get_state()
+    following = [snapshot(env.reset()[0]) for _ in range(3)]
+    env.reset(seed=99)
+    env.unwrapped.set_state(state)
+    assert [snapshot(env.reset()[0]) for _ in range(3)] == following
+
+
+# ------------------------------------------------------------------------------------------------------- resets in bulk
+
+
+def test_resets_load_nothing(env):
+    client = env.unwrapped.world.client
+    env.reset(seed=0)
+    bodies, constraints = client.getNumBodies(), client.getNumConstraints()
+    for round_ in range(200):
+        env.reset()
+        if round_ % 10 == 0:
+            play(env, random_actions(env, 2))
+    episode(env, 0, steps=32)
+    env.reset()
+    assert (client.getNumBodies(), client.getNumConstraints()) == (bodies, constraints)
+
+
+# ------------------------------------------------------------------------------------------------------------ bad input
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_an_action_that_is_not_finite_is_refused_and_the_episode_goes_on(env, recorded, value):
+    shots, actions = recorded
+    env.reset(seed=6)
+    assert play(env, actions[:4]) == shots[1:5]
+    bad = actions[4].copy()
+    bad[1] = value
+    with pytest.raises(ValueError, match=str(value)):
+        env.step(bad)
+    assert play(env, actions[4:8]) == shots[5:9]
+
+
+@pytest.mark.parametrize("extra", [-1, 1])
+def test_an_action_of_wrong_size_is_refused_and_the_episode_goes_on(env, recorded, extra):
+    shots, actions = recorded
+    env.reset(seed=6)
+    play(env, actions[:4])
+    size = SIZES[env.unwrapped.task][2]
+    with pytest.raises(ValueError, match=rf"\({size},\), got \({size + extra},\)"):
+        env.step(np.zeros(size + extra))
+    assert play(env, actions[4:8]) == shots[5:9]
+
+
+@pytest.mark.parametrize("action", [None, 0.0, "up", np.zeros((1, 5)), [[0.0] * 5] * 2])
+def test_what_is_not_an_action_is_refused(env, action):
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match="shape|convert"):
+        env.step(action)
+
+
+@pytest.mark.parametrize("method", ["reset", "step", "render", "picture", "get_state", "set_state"])
+@all_tasks
+def test_a_closed_environment_says_so(make, task, method):
+    env = make(task, render_mode="rgb_array")
+    env.reset(seed=0)
+    arguments = {"step": [env.action_space.sample()], "set_state": [env.unwrapped.get_state()]}.get(method, [])
+    env.close()
+    with pytest.raises(ClosedEnvironmentError, match=f"{task} environment is closed"):
+        getattr(env.unwrapped, method)(*arguments)
+
+
+@all_tasks
+def test_closing_twice_is_harmless_and_others_live_on(make, task):
+    env, other = make(task), make(task)
+    other.reset(seed=0)
+    env.close()
+    env.close()
+    assert other.step(other.action_space.sample())[0] in other.observation_space
+
+
+def test_an_unknown_task_is_an_error_that_names_it():
+    with pytest.raises(NameNotFound, match="NeedlePok"):
+        gym.make("surrol/NeedlePok-v0")
+
+
+def test_an_unknown_version_is_an_error_that_names_it():
+    with pytest.raises(VersionNotFound, match="v99"):
+        gym.make("surrol/NeedlePick-v99")
+
+
+@pytest.mark.filterwarnings("ignore:.*render_mode")
+@pytest.mark.parametrize(
+    ("argument", "value"),
+    [
+        ("camera", "ceiling"),
+        ("camera", None),
+        ("render_mode", "ascii"),
+        ("width", 0),
+        ("height", -3),
+        ("width", 2.5),
+        ("height", "tall"),
+        ("width", None),
+    ],
+)
+@all_tasks
+def test_an_unknown_picture_argument_is_an_error_that_names_the_value(make, task, argument, value):
+    arguments = {"render_mode": "rgb_array", argument: value}
+    with pytest.raises(ValueError, match=str(value)):
+        make(task, **arguments)
+
+
+def test_an_unknown_camera_or_size_of_a_picture_is_an_error_and_the_next_picture_works(env):
+    env.reset(seed=0)
+    for arguments, named in (({"camera": "ceiling"}, "ceiling"), ({"width": 0}, "0"), ({"height": 2.5}, "2.5")):
+        with pytest.raises(ValueError, match=named):
+            env.unwrapped.picture(**arguments)
+    assert env.unwrapped.picture(width=16, height=8).shape == (8, 16, 3)
+
+
+@all_tasks
+def test_an_unknown_argument_is_an_error_that_names_it(make, task):
+    with pytest.raises(TypeError, match="colour"):
+        make(task, colour="red")
+
+
+# ------------------------------------------------------------------------------------------------------------- pictures
+
+
+@all_tasks
+def test_pictures_are_256_by_256_by_default(make, task):
+    env = make(task, render_mode="rgb_array")
+    env.reset(seed=0)
+    picture = env.render()
+    assert (picture.shape, picture.dtype) == ((256, 256, 3), np.uint8)
+
+
+@all_tasks
+def test_size_and_camera_of_render_are_arguments(make, task):
+    pictures = []
+    for camera in make(task).unwrapped.cameras:
+        env = make(task, render_mode="rgb_array", camera=camera, width=80, height=60)
+        env.reset(seed=0)
+        pictures.append(env.render())
+        assert pictures[-1].shape == (60, 80, 3)
+        np.testing.assert_array_equal(env.unwrapped.picture(camera, 80, 60), pictures[-1])
+    assert len({picture.tobytes() for picture in pictures}) == len(pictures) > 1
+
+
+def test_without_a_render_mode_render_is_none_and_picture_still_works(env):
+    env.reset(seed=0)
+    assert env.unwrapped.render_mode is None
+    assert env.unwrapped.render() is None
+    picture = env.unwrapped.picture()
+    assert (picture.shape, picture.dtype) == ((256, 256, 3), np.uint8)
+
+
+def test_pictures_show_more_than_one_colour(env):
+    env.reset(seed=0)
+    for camera in env.unwrapped.cameras:
+        colours = np.unique(env.unwrapped.picture(camera).reshape(-1, 3), axis=0)
+        assert len(colours) > 100
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_the_goal_is_a_red_spot_where_the_camera_should_see_it(env, seed):
+    observation, _ = env.reset(seed=seed)
+    picture = env.unwrapped.picture("closeup").astype(int)
+    red = (picture[..., 0] > 110) & (picture[..., 1:].max(axis=-1) < 0.4 * picture[..., 0])
+    assert red.sum() >= 20
+    row, column = pixel_of(env.unwrapped.cameras["closeup"], observation["desired_goal"][:3], 256)
+    rows, columns = np.nonzero(red)
+    assert np.hypot(rows - row, columns - column).min() < 3
+
+
+def pixel_of(camera, point, size):
+    """Row and column of a point in a square picture of a pinhole camera whose up is the world's z."""
+    forward = np.subtract(camera.target, camera.eye)
+    forward /= np.linalg.norm(forward)
+    right = np.cross(forward, (0, 0, 1))
+    right /= np.linalg.norm(right)
+    up = np.cross(right, forward)
+    to_point = np.subtract(point, camera.eye)
+    focal = size / 2 / np.tan(np.deg2rad(camera.field_of_view) / 2) / (to_point @ forward)
+    return size / 2 - focal * (to_point @ up), size / 2 + focal * (to_point @ right)
+
+
+def test_pictures_change_with_the_scene_and_only_with_it(env):
+    env.reset(seed=0)
+    before = env.unwrapped.picture()
+    np.testing.assert_array_equal(env.unwrapped.picture(), before)
+    for _ in range(4):
+        env.step(-env.action_space.high)
+    after = env.unwrapped.picture()
+    assert np.any(after != before)
+    env.reset(seed=0)
+    np.testing.assert_array_equal(env.unwrapped.picture(), before)
+
+
+def test_a_picture_is_not_overwritten_by_the_next(env):
+    env.reset(seed=0)
+    picture = env.unwrapped.picture()
+    copy = picture.copy()
+    env.step(env.action_space.high)
+    env.unwrapped.picture()
+    np.testing.assert_array_equal(picture, copy)
+
+
+@all_tasks
+def test_a_window_without_a_display_is_a_clear_error(make, monkeypatch, task):
+    env_class = type(make(task).unwrapped)
+    modes = {**env_class.metadata, "render_modes": ["rgb_array"]}
+    monkeypatch.setattr(env_class, "metadata", modes)
+    with pytest.raises(ValueError, match="'human' needs a display"):
+        env_class(render_mode="human")

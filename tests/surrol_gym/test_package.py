@@ -1,0 +1,48 @@
+import subprocess
+import sys
+
+import gymnasium as gym
+import pytest
+
+import surrol_gym
+
+PAPERS_ORDER = (
+    *("NeedleReach", "GauzeRetrieve", "NeedlePick", "PegTransfer", "NeedleRegrasp"),
+    *("BiPegTransfer", "BiPegBoard", "MatchBoardPanel", "PickAndPlace", "MatchBoard"),
+)
+
+
+def output_of(code):
+    """Last line that Python prints in a fresh process."""
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return result.stdout.splitlines()[-1]
+
+
+def test_tasks_are_names_of_the_papers_tables_in_their_order():
+    assert [task for task in PAPERS_ORDER if task in surrol_gym.TASKS] == list(surrol_gym.TASKS)
+    assert {"NeedleReach", "NeedlePick"} <= set(surrol_gym.TASKS)
+
+
+def test_the_registered_ids_are_those_of_the_tasks():
+    ids = {name for name in gym.registry if name.startswith("surrol/")}
+    assert ids == {f"surrol/{task}-v0" for task in surrol_gym.TASKS}
+
+
+def test_an_environment_knows_the_name_of_its_task(make):
+    assert [make(task).unwrapped.task for task in surrol_gym.TASKS] == list(surrol_gym.TASKS)
+
+
+def test_the_public_names_are_tasks_and_make_expert():
+    assert set(surrol_gym.__all__) == {"TASKS", "make_expert"}
+
+
+@pytest.mark.parametrize("statement", ["", "import gymnasium as gym; gym.make('surrol/NeedlePick-v0').reset()"])
+def test_the_simulator_loads_neither_torch_nor_lerobot(statement):
+    code = f"import surrol_gym; {statement}\nimport sys; print(sorted({{'torch', 'lerobot'}} & set(sys.modules)))"
+    assert output_of(code) == "[]"
+
+
+@pytest.mark.parametrize("task", surrol_gym.TASKS)
+def test_gymnasium_can_import_the_package_by_the_id(task):
+    code = f"import gymnasium as gym; print(gym.make('surrol_gym:surrol/{task}-v0').reset(seed=0)[0].keys())"
+    assert output_of(code) == "dict_keys(['observation', 'achieved_goal', 'desired_goal'])"
