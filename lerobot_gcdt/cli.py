@@ -3,26 +3,34 @@
 import argparse
 import sys
 
+from lerobot_gcdt.recording import record as record_dataset
+
+EXAMPLE = "example: gcdt record --task NeedlePick --episodes 100 --seed 0 --root datasets/needle_pick"
+
 
 def main(arguments: list[str] | None = None) -> None:
-    """Runs ``gcdt``; a bad argument ends with one line and exit status 2."""
-    parser = argparse.ArgumentParser(prog="gcdt", description="Datasets of the SurRoL tasks.")
+    """Runs ``gcdt``; a bad argument ends with one line and an exit status other than 0."""
+    parser = argparse.ArgumentParser(prog="gcdt", description="Datasets of the SurRoL tasks.", epilog=EXAMPLE)
     commands = parser.add_subparsers(dest="command", required=True)
     record = commands.add_parser(
         "record",
         help="record demonstrations of a scripted expert as a LeRobot dataset",
-        epilog="example: gcdt record --task NeedlePick --episodes 100 --seed 0 --root datasets/needle_pick",
+        epilog=EXAMPLE,
     )
     record.add_argument("--task", required=True, help="name of the task, such as NeedlePick")
     record.add_argument("--episodes", type=int, default=100, help="successful episodes to keep (default 100)")
     record.add_argument("--seed", type=int, default=0, help="seed of the first episode (default 0)")
     record.add_argument("--root", required=True, help="folder of the dataset; an interrupted recording goes on there")
-    record.add_argument("--repo-id", help="name of the dataset on the Hub (default local/<folder>)")
+    record.add_argument(
+        "--disturb",
+        type=float,
+        default=0.0,
+        metavar="LEVEL",
+        help="push the arm now and then, by up to LEVEL of a full action; the expert corrects (default 0)",
+    )
     options = parser.parse_args(arguments)
 
-    from lerobot_gcdt import recording
-
     try:
-        recording.record(options.task, options.episodes, options.seed, options.root, options.repo_id)
+        record_dataset(options.task, options.episodes, options.seed, options.root, options.disturb)
     except (ValueError, OSError) as error:
         sys.exit(f"gcdt record: {error}")

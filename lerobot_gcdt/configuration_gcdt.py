@@ -19,10 +19,13 @@ class GCDTConfig(PreTrainedConfig):
         width: Size of a token.
         inner_width: Hidden size of the blocks' perceptrons.
         dropout: Dropout in the blocks.
-        context_length: Steps of history that a step may attend to; also the size of the timestep embedding.
+        context_length: Steps that a step may attend to, itself included, in training and at test time alike.
+        max_timesteps: Size of the timestep embedding; later steps share its last entry.
         hindsight_ratio: Share of the training trajectories that are cut at a random step and relabelled with the goal
             achieved there; the rest are whole demonstrations. 1 gives the paper's mix: every frame of a demonstration
             once as a cut and, in place of its first frame, the demonstration itself.
+        relative_goal: Whether a goal token also holds what is left to the goal: desired minus achieved goal. False is
+            the paper's.
         dtype: ``"bfloat16"`` or ``"float32"``: arithmetic of the transformer in training (LeRobot hands it to
             Accelerate). Inference is always in float32.
         task_dims: Sizes ``[observation, goal, action]`` of each task, by task sentence. Filled from the dataset.
@@ -43,7 +46,9 @@ class GCDTConfig(PreTrainedConfig):
     inner_width: int = 512
     dropout: float = 0.0
     context_length: int = 100
+    max_timesteps: int = 100
     hindsight_ratio: float = 0.5
+    relative_goal: bool = True
     dtype: str = "bfloat16"
 
     task_dims: dict[str, list[int]] = field(default_factory=dict)
@@ -63,7 +68,7 @@ class GCDTConfig(PreTrainedConfig):
 
     def __post_init__(self):
         super().__post_init__()
-        for name in ("layers", "heads", "width", "inner_width", "context_length"):
+        for name in ("layers", "heads", "width", "inner_width", "context_length", "max_timesteps"):
             if getattr(self, name) < 1:
                 raise ValueError(f"policy.{name} must be positive, got {getattr(self, name)}.")
         if self.width % self.heads:
@@ -71,6 +76,8 @@ class GCDTConfig(PreTrainedConfig):
         for name in ("dropout", "hindsight_ratio"):
             if not 0 <= getattr(self, name) <= 1:
                 raise ValueError(f"policy.{name} must lie in [0, 1], got {getattr(self, name)}.")
+        if self.optimizer_lr <= 0:
+            raise ValueError(f"policy.optimizer_lr must be positive, got {self.optimizer_lr}.")
         if self.dtype not in ("bfloat16", "float32"):
             raise ValueError(f"policy.dtype must be 'bfloat16' or 'float32', got {self.dtype!r}.")
 

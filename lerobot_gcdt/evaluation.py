@@ -32,7 +32,7 @@ def evaluate(policy, tasks: Iterable[str], seeds: Iterable[int], batch_size: int
         su).
 
     Raises:
-        ValueError: A task is unknown, or there are no seeds.
+        ValueError: A task is unknown, there are no seeds, or the batch size is not positive.
     """
     tasks, seeds = list(tasks), list(seeds)
     unknown = set(tasks) - set(surrol_gym.TASKS)
@@ -40,6 +40,8 @@ def evaluate(policy, tasks: Iterable[str], seeds: Iterable[int], batch_size: int
         raise ValueError(
             f"Cannot evaluate {sorted(unknown) or 'without seeds'}; tasks are {', '.join(surrol_gym.TASKS)}."
         )
+    if batch_size < 1:
+        raise ValueError(f"batch_size must be positive, got {batch_size}.")
     rows = []
     with tqdm(total=len(tasks) * len(seeds), desc="Evaluating", unit="episode") as bar:
         for task in tasks:
@@ -63,18 +65,22 @@ def evaluate(policy, tasks: Iterable[str], seeds: Iterable[int], batch_size: int
     return pd.DataFrame(rows)
 
 
-def observation_batch(observation: dict[str, np.ndarray], sentence: str) -> dict:
+def observation_batch(policy, observation: dict[str, np.ndarray], sentence: str) -> dict:
     """Turns a batched observation of a ``surrol/`` environment into what LeRobot's policies take.
 
     Args:
+        policy: The policy; the tensors go to the device of its configuration, if it has one.
         observation: Arrays of shape (B, size), as vector environments give them.
         sentence: The environment's ``task_description``.
 
     Returns:
         ``observation.*`` tensors and ``task``, a sentence for each row.
     """
+    device = getattr(getattr(policy, "config", None), "device", "cpu")
     batch = SurRoLObservations().observation(preprocess_observation(observation))
-    return batch | {"task": [sentence] * len(observation["observation"])}
+    return {key: value.to(device) for key, value in batch.items()} | {
+        "task": [sentence] * len(observation["observation"])
+    }
 
 
 def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
@@ -117,7 +123,7 @@ def _rollout(policy, task: str, seeds: list[int]) -> tuple[np.ndarray, dict[str,
         success = []
         for _ in range(gym.spec(env_id).max_episode_steps):
             with torch.no_grad():
-                action = policy.select_action(observation_batch(observation, sentence))
+                action = policy.select_action(observation_batch(policy, observation, sentence))
             observation, _, _, _, info = envs.step(action.cpu().numpy())
             success.append(info["is_success"])
     finally:

@@ -1,15 +1,27 @@
 """The goal-conditioned decision transformer as a LeRobot policy (Fu et al., ICRA 2024, arXiv 2405.18757)."""
 
+import gc
 from dataclasses import dataclass
 
 import torch
+from lerobot.datasets.streaming_dataset import StreamingLeRobotDataset
 from lerobot.policies.pretrained import PreTrainedPolicy
+from safetensors import safe_open
 from torch import Tensor, nn
 
 from lerobot_gcdt.configuration_gcdt import GCDTConfig
 from lerobot_gcdt.objectives import action_loss
 from lerobot_gcdt.tokens import ORDER, TaskModules, module_key
-from lerobot_gcdt.trajectories import ACTION, GOAL, REQUIRED_KEYS, STATE, TIME_TO_GOAL, Sequences, TrajectoryBank
+from lerobot_gcdt.trajectories import (
+    ACHIEVED_GOAL,
+    ACTION,
+    GOAL,
+    REQUIRED_KEYS,
+    STATE,
+    TIME_TO_GOAL,
+    Sequences,
+    TrajectoryBank,
+)
 from lerobot_gcdt.transformer import KeyValueCache, Transformer
 
 TOKENS = len(ORDER)
@@ -44,8 +56,8 @@ class GCDTPolicy(PreTrainedPolicy):
 
     Raises:
         KeyError: The dataset lacks a feature that GCDT needs.
-        ValueError: The dataset has other dimensions than the configuration for the same task.
-        FileNotFoundError: The dataset is streamed, so that its trajectories cannot be read.
+        ValueError: The dataset has other dimensions than the configuration for the same task, or is streamed.
+        FileNotFoundError: The dataset's files are not on this machine.
     """
 
     config_class = GCDTConfig
@@ -58,9 +70,12 @@ class GCDTPolicy(PreTrainedPolicy):
         if dataset_meta is not None:
             self._read_dataset(dataset_meta)
         self.tasks = nn.ModuleDict(
-            {module_key(task): TaskModules(dims, config.width) for task, dims in config.task_dims.items()}
+            {
+                module_key(task): TaskModules(dims, config.width, config.relative_goal)
+                for task, dims in config.task_dims.items()
+            }
         )
-        self.timestep_embedding = nn.Embedding(config.context_length, config.width)
+        self.timestep_embedding = nn.Embedding(config.max_timesteps, config.width)
         nn.init.normal_(self.timestep_embedding.weight, std=0.02)
         self.transformer = Transformer(config.layers, config.heads, config.width, config.inner_width, config.dropout)
         for i, task in enumerate(self._dataset_tasks):
@@ -90,7 +105,7 @@ class GCDTPolicy(PreTrainedPolicy):
             raise RuntimeError("This policy was made for inference; to train it, pass dataset_meta to its constructor.")
         index = batch["index"].to(self._bank.first.device)
         relabel = torch.rand(len(index), device=index.device) < self.config.hindsight_ratio * self.training
-        sequences = self._bank.sequences(index, relabel, self.config.context_length)
+        sequences = self._bank.sequences(index, relabel)
         loss = action_loss(self.predict_actions(sequences), sequences, len(index), reduction)
         return loss, {"action_loss": loss.mean().item()}
 
@@ -122,7 +137,8 @@ class GCDTPolicy(PreTrainedPolicy):
         """Returns the next action of each running episode and remembers it as executed.
 
         Args:
-            batch: ``observation.state`` (B, O), ``observation.goal`` (B, G) and ``task``, a sentence for each row.
+            batch: ``observation.state`` (B, O), ``observation.goal`` and ``observation.achieved_goal`` (B, G), and
+                ``task``, a sentence for each row.
 
         Returns:
             Actions in [-1, 1], shape (B, largest action size of the batch's tasks).
@@ -147,12 +163,14 @@ class GCDTPolicy(PreTrainedPolicy):
             items = {
                 TIME_TO_GOAL: torch.tensor([[self._time_to_goal(task, history.step)] for task in tasks], device=device),
                 GOAL: batch[GOAL].float(),
+                ACHIEVED_GOAL: batch[ACHIEVED_GOAL].float(),
                 STATE: batch[STATE].float(),
             }
-            new = [self._step_tokens(items, history.step)]
-            steps = [history.step] * len(items)
+            now = [key for key in ORDER if key != ACTION]
+            new = [self._step_tokens(now, items, history.step)]
+            steps = [history.step] * len(now)
             if history.last_action is not None:
-                new.insert(0, self._step_tokens({ACTION: history.last_action}, history.step - 1))
+                new.insert(0, self._step_tokens([ACTION], {ACTION: history.last_action}, history.step - 1))
                 steps.insert(0, history.step - 1)
             hidden = self.transformer(torch.cat(new, 1), self._remember_tokens(steps), history.caches)
             rows = {task: [i for i, t in enumerate(tasks) if t == task] for task in dict.fromkeys(tasks)}
@@ -173,13 +191,22 @@ class GCDTPolicy(PreTrainedPolicy):
 
     @classmethod
     def _load_as_safetensor(cls, model, model_file: str, map_location: str, strict: bool):
-        try:
-            return super()._load_as_safetensor(model, model_file, map_location, strict)
-        except RuntimeError as error:
-            raise ValueError(
-                f"The weights in {model_file} do not fit their configuration (layers={model.config.layers}, "
-                f"width={model.config.width}, task_dims={model.config.task_dims}): {error}"
-            ) from error
+        with safe_open(model_file, "pt") as file:
+            saved = set(file.keys())
+        own = set(model.state_dict())
+        # Tasks that the checkpoint does not know keep their new modules.
+        new = {key for key in own if key.startswith("tasks.") and not _has_task(saved, key.split(".")[1])}
+        problem = sorted(saved ^ (own - new))
+        if not problem:
+            try:
+                return super()._load_as_safetensor(model, model_file, map_location, strict)
+            except RuntimeError as error:
+                problem = error
+        config = model.config
+        raise ValueError(
+            f"The weights in {model_file} do not fit their configuration (layers={config.layers}, "
+            f"width={config.width}, task_dims={config.task_dims}): {problem}"
+        )
 
     def _read_dataset(self, meta) -> None:
         """Loads the trajectories and adds the dataset's tasks to the configuration."""
@@ -188,6 +215,12 @@ class GCDTPolicy(PreTrainedPolicy):
             raise KeyError(
                 f"The dataset {meta.repo_id} lacks {', '.join(missing)}; GCDT needs {', '.join(REQUIRED_KEYS)}. "
                 "Record one with `gcdt record`."
+            )
+        # Nothing that LeRobot hands to a policy says how the dataset is loaded; the dataset itself holds its metadata.
+        if any(isinstance(owner, StreamingLeRobotDataset) for owner in gc.get_referrers(meta)):
+            raise ValueError(
+                "GCDT reads whole trajectories into memory and cannot train on a streamed dataset; pass "
+                "--dataset.streaming=false."
             )
         dims = [meta.features[key]["shape"][0] for key in (STATE, GOAL, ACTION)]
         self._dataset_tasks = list(meta.tasks.sort_values("task_index").index)
@@ -220,14 +253,13 @@ class GCDTPolicy(PreTrainedPolicy):
         for task, steps in self._steps_by_task(sequences).items():
             modules = self._modules_of(task)
             time = self._embed_time(sequences.timestep[steps])  # (N, W)
-            tokens[steps] = torch.stack(
-                [modules.tokenizer(key)(sequences.items[key][steps]) + time for key in ORDER], dim=1
-            )
+            items = {key: value[steps] for key, value in sequences.items.items()}
+            tokens[steps] = torch.stack([modules.tokenize(key, items) + time for key in ORDER], dim=1)
         return tokens
 
     def _embed_time(self, timestep: Tensor) -> Tensor:
         # Steps beyond the table share its last entry.
-        return self.timestep_embedding(timestep.clamp(max=self.config.context_length - 1))
+        return self.timestep_embedding(timestep.clamp(max=self.config.max_timesteps - 1))
 
     def _attention_mask(self, sequences: Sequences) -> Tensor:
         """Additive mask (R, 1, 4S, 4S): a token sees the past of its own trajectory, within the context length."""
@@ -261,16 +293,16 @@ class GCDTPolicy(PreTrainedPolicy):
         """Starts at the task's expected length and falls by one a step, never below one (Fu et al. 2024, IV-A)."""
         return max(self.config.expected_steps[task] - step, 1.0)
 
-    def _step_tokens(self, items: dict[str, Tensor], step: int) -> Tensor:
-        """Tokens of some items of one step of the running episodes, shape (B, items, W)."""
+    def _step_tokens(self, keys: list[str], items: dict[str, Tensor], step: int) -> Tensor:
+        """Tokens of some kinds of one step of the running episodes, shape (B, kinds, W)."""
         device = self.timestep_embedding.weight.device
         time = self._embed_time(torch.tensor(step, device=device))
-        tokens = time.repeat(len(self._history.tasks), len(items), 1)
+        tokens = time.repeat(len(self._history.tasks), len(keys), 1)
         for task in dict.fromkeys(self._history.tasks):
             rows = [i for i, t in enumerate(self._history.tasks) if t == task]
-            for k, (key, value) in enumerate(items.items()):
-                tokenizer = self._modules_of(task).tokenizer(key)
-                tokens[rows, k] += tokenizer(value[rows])
+            of_task = {key: value[rows] for key, value in items.items()}
+            for k, key in enumerate(keys):
+                tokens[rows, k] += self._modules_of(task).tokenize(key, of_task)
         return tokens
 
     def _remember_tokens(self, steps: list[int]) -> Tensor:
@@ -287,15 +319,16 @@ class GCDTPolicy(PreTrainedPolicy):
 
     def _check_observation(self, batch: dict[str, Tensor]) -> list[str]:
         """Returns the task of each row after checking that the policy can act on the batch."""
-        missing = [key for key in (STATE, GOAL, "task") if key not in batch]
+        needed = (STATE, GOAL, ACHIEVED_GOAL, "task")
+        missing = [key for key in needed if key not in batch]
         if missing:
-            raise KeyError(f"select_action needs {STATE}, {GOAL} and task; the batch lacks {', '.join(missing)}.")
+            raise KeyError(f"select_action needs {', '.join(needed)}; the batch lacks {', '.join(missing)}.")
         tasks = [batch["task"]] if isinstance(batch["task"], str) else list(batch["task"])
         for task in dict.fromkeys(tasks):
             if task not in self.config.task_dims:
                 raise KeyError(f"Unknown task {task!r}; this policy knows {sorted(self.config.task_dims)}.")
             state, goal, _ = self.config.task_dims[task]
-            for key, size in ((STATE, state), (GOAL, goal)):
+            for key, size in ((STATE, state), (GOAL, goal), (ACHIEVED_GOAL, goal)):
                 # Several tasks in one batch share a tensor, padded to the largest of them.
                 width = batch[key].shape[-1] if len(set(tasks)) > 1 else size
                 if batch[key].shape != (len(tasks), max(width, size)):
@@ -304,3 +337,7 @@ class GCDTPolicy(PreTrainedPolicy):
                         f"got {tuple(batch[key].shape)}."
                     )
         return tasks
+
+
+def _has_task(keys: set[str], task: str) -> bool:
+    return any(key.startswith(f"tasks.{task}.") for key in keys)

@@ -42,9 +42,8 @@ def film(policy, task: str, seeds: Iterable[int], path: str | Path, size: int = 
             truncated = False
             while not truncated:
                 frames.append(env.render())
-                batch = observation_batch(
-                    {key: value[None] for key, value in observation.items()}, env.unwrapped.task_description
-                )
+                row = {key: value[None] for key, value in observation.items()}
+                batch = observation_batch(policy, row, env.unwrapped.task_description)
                 with torch.no_grad():
                     action = policy.select_action(batch)[0].cpu().numpy()
                 observation, _, _, truncated, _ = env.step(action)

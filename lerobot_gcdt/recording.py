@@ -9,6 +9,7 @@ import json
 import os
 import shutil
 from dataclasses import asdict, dataclass
+from importlib.metadata import version
 from pathlib import Path
 
 import datasets
@@ -24,6 +25,12 @@ from lerobot_gcdt.trajectories import ACHIEVED_GOAL, ACTION, GOAL, STATE, TIME_T
 RECORDING_FILE = "meta/surrol.json"
 """Beside LeRobot's metadata: what it takes to replay any episode, and how the expert did."""
 
+PARTS_NOTE = "recording.json"
+"""In the folder of finished episodes: the recording that they belong to."""
+
+PUSH_RATE, PUSH_RATE_SLOW, SLOW_ACTION = 0.05, 0.12, 0.2
+"""Probability of a push in a step of a disturbed episode, the same while the expert moves slowly, and what is slow."""
+
 
 @dataclass(frozen=True)
 class Recording:
@@ -33,16 +40,18 @@ class Recording:
         env_id: The environment.
         episodes: How many successful episodes.
         seed: Seed of the first episode; the following ones count up, failures are left out.
+        disturb: Size of the pushes that divert the arm, in units of an action; 0 for none.
         package_version: Version of this package.
     """
 
     env_id: str
     episodes: int
     seed: int
+    disturb: float
     package_version: str
 
 
-def record(task: str, episodes: int, seed: int, root: str | Path, repo_id: str | None = None) -> Path:
+def record(task: str, episodes: int, seed: int, root: str | Path, disturb: float = 0.0) -> Path:
     """Records successful episodes of a task's scripted expert as a LeRobot dataset.
 
     Args:
@@ -50,7 +59,7 @@ def record(task: str, episodes: int, seed: int, root: str | Path, repo_id: str |
         episodes: Number of successful episodes.
         seed: Seed of the first episode.
         root: Folder of the dataset; calling again with the same arguments goes on with an interrupted recording.
-        repo_id: Name of the dataset on the Hub; by default ``local/`` and the folder's name.
+        disturb: Size of the pushes that divert the arm, in [0, 1]; see ``run_episode``.
 
     Returns:
         The folder.
@@ -62,21 +71,25 @@ def record(task: str, episodes: int, seed: int, root: str | Path, repo_id: str |
         raise ValueError(f"Unknown task {task!r}; choose one of {', '.join(surrol_gym.TASKS)}.")
     if episodes < 1 or seed < 0:
         raise ValueError(f"A recording needs at least one episode and a seed from 0, got {episodes} and {seed}.")
+    if not 0 <= disturb <= 1:
+        raise ValueError(f"The size of disturbances must lie in [0, 1], got {disturb}.")
     root = Path(root)
-    wanted = Recording(f"surrol/{task}-v0", episodes, seed, _package_version())
+    wanted = Recording(f"surrol/{task}-v0", episodes, seed, float(disturb), version("lerobot_policy_gcdt"))
+    parts = root.with_name(root.name + ".recording")
     if root.exists():
         _check_same(wanted, root / RECORDING_FILE, root)
         print(f"{root} is complete already.")
+        if (parts / PARTS_NOTE).exists():  # the end of an earlier call was interrupted
+            _remove_parts(parts)
     else:
-        parts = root.with_name(root.name + ".recording")
         _prepare_parts(wanted, parts)
         env = gym.make(wanted.env_id)
         try:
             kept = _record_episodes(env, wanted, parts)
-            _build_dataset(env, wanted, kept, parts, root, repo_id or f"local/{root.name}")
+            _build_dataset(env, wanted, kept, parts, root)
         finally:
             env.close()
-        shutil.rmtree(parts)
+        _remove_parts(parts)
     print(summary(root))
     return root
 
@@ -92,26 +105,42 @@ def summary(root: str | Path) -> str:
     )
 
 
-def run_episode(env: gym.Env, seed: int) -> dict[str, np.ndarray]:
+def run_episode(env: gym.Env, seed: int, disturb: float = 0.0) -> dict[str, np.ndarray]:
     """Runs the expert for one episode, to the time limit.
+
+    Demonstrations that never err do not show how to correct, and a policy cloned from them soon stops correcting.
+    Disturbed ones do: now and then the arm is pushed sideways, upwards or turned for a step, more often where the
+    expert moves slowly because precision matters. Never is it pushed down, where the object is, and the jaws obey. The
+    recorded action is always the expert's own, so a disturbed episode is replayed by this function, not by its actions.
 
     Args:
         env: The environment.
-        seed: Seed of the reset.
+        seed: Seed of the reset and of the pushes.
+        disturb: Largest push, in units of an action.
 
     Returns:
         Arrays over the steps: ``observation``, ``achieved_goal``, ``desired_goal`` before the step, ``action``, and
         ``reward`` and ``success`` after it.
     """
     expert = surrol_gym.make_expert(env)
+    rng = np.random.default_rng(seed)
     observation, _ = env.reset(seed=seed)
     frames, truncated = [], False
     while not truncated:
         action = expert.act(observation)
-        following, reward, _, truncated, info = env.step(action)
+        following, reward, _, truncated, info = env.step(action + disturb * _push(rng, action))
         frames.append(observation | {"action": action, "reward": np.float32(reward), "success": info["is_success"]})
         observation = following
     return {key: np.stack([frame[key] for frame in frames]) for key in frames[0]}
+
+
+def _push(rng: np.random.Generator, action: np.ndarray) -> np.ndarray:
+    """Draws a push in the direction of an action's first four numbers; most of the time it is zero."""
+    slow = np.abs(action[:4]).max() < SLOW_ACTION
+    push = np.zeros_like(action)
+    if rng.random() < (PUSH_RATE_SLOW if slow else PUSH_RATE):
+        push[:4] = rng.uniform((-1, -1, 0, -1), 1)
+    return push
 
 
 def time_to_goal(success: np.ndarray) -> np.ndarray:
@@ -137,7 +166,7 @@ def _record_episodes(env: gym.Env, wanted: Recording, parts: Path) -> list[Path]
             if not file.exists():
                 unfinished = file.with_suffix(".unfinished")
                 with unfinished.open("wb") as stream:
-                    np.savez(stream, **run_episode(env, wanted.seed + attempt))
+                    np.savez(stream, **run_episode(env, wanted.seed + attempt, wanted.disturb))
                 os.replace(unfinished, file)
             with np.load(file) as episode:
                 if episode["success"].any():
@@ -149,18 +178,19 @@ def _record_episodes(env: gym.Env, wanted: Recording, parts: Path) -> list[Path]
     return kept
 
 
-def _build_dataset(env: gym.Env, wanted: Recording, kept: list[Path], parts: Path, root: Path, repo_id: str) -> None:
+def _build_dataset(env: gym.Env, wanted: Recording, kept: list[Path], parts: Path, root: Path) -> None:
     """Writes the dataset beside its final place and moves it there in one step."""
     building = parts / "dataset"
     shutil.rmtree(building, ignore_errors=True)
     datasets.disable_progress_bars()
     dataset = LeRobotDataset.create(
-        repo_id,
+        f"local/{root.name}",
         fps=env.metadata["render_fps"],
         features=_features(env),
         root=building,
         robot_type="dvrk_psm",
         use_videos=False,
+        video_backend="pyav",
     )
     steps = []
     for file in tqdm(kept, desc="Writing the dataset", unit="episode"):
@@ -216,14 +246,25 @@ def _features(env: gym.Env) -> dict[str, dict]:
 
 def _prepare_parts(wanted: Recording, parts: Path) -> None:
     """Makes the folder of finished episodes, or checks that it belongs to the same recording."""
-    note = parts / "recording.json"
-    if note.exists():
+    note = parts / PARTS_NOTE
+    unfinished = note.with_suffix(".unfinished")
+    if note.exists() or any(file != unfinished for file in parts.glob("*")):
         _check_same(wanted, note, parts)
         return
     parts.mkdir(parents=True, exist_ok=True)
-    unfinished = note.with_suffix(".unfinished")
     unfinished.write_text(json.dumps(asdict(wanted)))
     os.replace(unfinished, note)
+
+
+def _remove_parts(parts: Path) -> None:
+    """Removes the folder of finished episodes, the note that tells it from any other folder last."""
+    for file in parts.iterdir():
+        if file.is_dir():
+            shutil.rmtree(file)
+        elif file.name != PARTS_NOTE:
+            file.unlink()
+    (parts / PARTS_NOTE).unlink()
+    parts.rmdir()
 
 
 def _check_same(wanted: Recording, note: Path, folder: Path) -> None:
@@ -237,9 +278,3 @@ def _check_same(wanted: Recording, note: Path, folder: Path) -> None:
                 f"{folder} holds a recording with {name} = {found.get(name)!r}, not {value!r}; choose another --root "
                 "or remove it."
             )
-
-
-def _package_version() -> str:
-    from importlib.metadata import version
-
-    return version("lerobot_policy_gcdt")

@@ -108,7 +108,7 @@ class TrajectoryBank:
         frames = torch.maximum(wanted, first)
         return {key: value[frames] for key, value in self.items.items()}, wanted < first
 
-    def sequences(self, index: Tensor, relabel: Tensor, length: int) -> Sequences:
+    def sequences(self, index: Tensor, relabel: Tensor) -> Sequences:
         """Cuts trajectories and packs them into rows.
 
         A relabelled trajectory ends before its frame and has that frame's achieved goal as the goal of *every* step;
@@ -118,14 +118,13 @@ class TrajectoryBank:
         Args:
             index: Frames, shape (B,). The first frame of an episode cannot be a cut: its trajectory stays whole.
             relabel: Which trajectories to relabel, booleans of shape (B,).
-            length: Most steps of a trajectory; earlier ones are left out.
 
         Returns:
             The packed trajectories; segment i is the one of ``index[i]``.
         """
         relabel = relabel & (self.timestep[index] > 0)
         last = torch.where(relabel, index - 1, self.last[index])
-        first = torch.maximum(self.first[index], last - length + 1)
+        first = self.first[index]
         segment, offset = _pack((last - first + 1).tolist(), index.device)
         frames = (first[segment] + offset).clamp(max=len(self) - 1)
         items = {key: value[frames] for key, value in self.items.items()}

@@ -11,7 +11,6 @@ import numpy as np
 
 from surrol_gym.envs.psm_env import STEP_SIZE
 
-
 NEAR_GAIN, NEAR = 0.5, 0.03
 """Share of a small offset that one step covers, and how small that is, su.
 
@@ -35,7 +34,7 @@ class Target:
     offset: np.ndarray
     turn: float = 0.0
     jaw: float = -0.5
-    gain: float = 0.16
+    gain: float = 0.153
     speed: float = 1.0
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from gymnasium.error import ClosedEnvironmentError
+from gymnasium.error import ClosedEnvironmentError, ResetNeeded
 
 from surrol_gym.bullet import Camera, World
 
@@ -28,6 +28,7 @@ _HAS_DISPLAY = not sys.platform.startswith("linux") or "DISPLAY" in os.environ
 class State:
     """A moment of an episode, as ``get_state`` returns it: simulation, task and random generator."""
 
+    task_name: str
     world: tuple
     task: dict[str, Any]
     rng: dict[str, Any]
@@ -161,6 +162,7 @@ class GoalEnv(gym.Env):
             ValueError: The action has another shape than the action space or a number that is not finite.
         """
         self._check_open()
+        self._check_reset()
         clipped = self._apply_action(self._check_action(action))
         self.world.step(SUB_STEPS)
         self._after_sub_steps()
@@ -212,15 +214,21 @@ class GoalEnv(gym.Env):
     def get_state(self):
         """Returns the full state of the episode; ``set_state`` brings it back in any environment of this task."""
         self._check_open()
-        return State(self._world_state, self._get_task_state(), self.np_random.bit_generator.state)
+        self._check_reset()
+        return State(self.task, self._world_state, self._get_task_state(), self.np_random.bit_generator.state)
 
     def set_state(self, state):
         """Restores a state of ``get_state``.
 
         Returns:
             The observation of that moment.
+
+        Raises:
+            ValueError: The state is one of another task.
         """
         self._check_open()
+        if state.task_name != self.task:
+            raise ValueError(f"This is a {self.task} environment; it cannot go to a state of {state.task_name}.")
         self._world_state = state.world
         self.world.set_state(state.world)
         self._set_task_state(state.task)
@@ -259,13 +267,18 @@ class GoalEnv(gym.Env):
     def _check_picture(self, camera, width, height):
         if camera not in self.cameras:
             raise ValueError(f"{self.task} has the cameras {sorted(self.cameras)}, got {camera!r}.")
-        if width < 1 or height < 1:
-            raise ValueError(f"A picture needs a positive width and height, got {width} x {height}.")
+        for name, size in (("width", width), ("height", height)):
+            if not isinstance(size, int | np.integer) or size < 1:
+                raise ValueError(f"A picture needs a whole, positive {name}, got {size!r}.")
         return self.cameras[camera], width, height
 
     def _check_open(self):
         if self._closed:
             raise ClosedEnvironmentError(f"This {self.task} environment is closed; make a new one.")
+
+    def _check_reset(self):
+        if self._world_state is None:
+            raise ResetNeeded(f"Call reset() before the first step of this {self.task} environment.")
 
     @staticmethod
     def _never(achieved_goal):

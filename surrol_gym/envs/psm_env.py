@@ -50,11 +50,10 @@ class PSMEnv(GoalEnv):
         target = np.clip(wanted, self._low, self._high)
         yaw = euler[2] + self.yaw_step * action[3]
         self.arm.move_to(target, (DOWN[0], DOWN[1], yaw))
-        if self.has_gripper:
-            closing = action[4] < 0
-            for grasp in self.grasps:
-                grasp.before_step(closing)
-            self.arm.command_jaws(JAW_CLOSED if closing else JAW_OPEN)
+        closing = action[4] < 0 or not self.has_gripper
+        for grasp in self.grasps:
+            grasp.before_step(closing)
+        self.arm.command_jaws(JAW_CLOSED if closing else JAW_OPEN)
         return bool(np.any(wanted != target))
 
     def _after_sub_steps(self):

@@ -19,8 +19,8 @@ HELD_JAW = (0.08, 0.45)
 
 OPEN, CLOSE = 0.5, -0.5
 HOVER = 0.025
-ALIGNED = 0.0015
-LIFT_SPEED = 0.2
+ALIGNED = 0.001
+LIFT_GAIN = 0.1
 
 
 class NeedlePickEnv(PSMEnv):
@@ -149,9 +149,10 @@ class NeedlePickEnv(PSMEnv):
         to_grasp = middle + (0.0, 0.0, GRASP_HEIGHT) - position
         lateral = np.hypot(to_grasp[0], to_grasp[1])
         if HELD_JAW[0] < jaw < HELD_JAW[1] and lateral < 0.02 and abs(to_grasp[2]) < 0.02:
-            return Target(observation["desired_goal"] - middle, jaw=CLOSE, speed=LIFT_SPEED)
-        # The jaws are symmetric: of the two orientations across the needle take the nearer one.
-        turn = (needle_yaw - yaw + np.pi / 2) % np.pi - np.pi / 2
+            return Target(observation["desired_goal"] - middle, jaw=CLOSE, gain=LIFT_GAIN, speed=0.4)
+        # The jaws are symmetric, but always the same of the two orientations across the needle is taken, the one that
+        # turns by -180 to 0 degrees from the start: where the choice flips, learners find no action between the two.
+        turn = (needle_yaw - yaw + 1.5 * np.pi) % (2 * np.pi) - 1.5 * np.pi
         misalignment = max(lateral, 0.05 * abs(turn))
         if misalignment < ALIGNED and abs(to_grasp[2]) < ALIGNED:
             return Target(to_grasp, turn, CLOSE)

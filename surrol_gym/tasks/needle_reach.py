@@ -95,4 +95,4 @@ class NeedleReachEnv(PSMEnv):
     @staticmethod
     def expert_target(observation):
         """Straight to the goal, about as fast as the original script (facts, section 5.1)."""
-        return Target(observation["desired_goal"] - observation["achieved_goal"], gain=0.5, speed=0.31)
+        return Target(observation["desired_goal"] - observation["achieved_goal"], gain=0.5, speed=0.3)

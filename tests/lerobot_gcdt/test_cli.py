@@ -25,9 +25,9 @@ def test_help_shows_an_example(arguments, capsys):
     assert "gcdt record --task NeedlePick --episodes 100 --seed 0 --root" in printed
 
 
-def test_the_example_in_the_help_is_a_valid_command(capsys, monkeypatch, tmp_path):
+def test_the_example_in_the_help_is_a_valid_command(capsys, monkeypatch):
     calls = []
-    monkeypatch.setattr("lerobot_gcdt.recording.record", lambda *arguments: calls.append(arguments))
+    monkeypatch.setattr("lerobot_gcdt.recording.record", lambda *arguments, **options: calls.append(arguments))
     example = " ".join(help_of(["record"], capsys).split()).split("example: gcdt ")[1]
     cli.main(example.split())
     assert calls
@@ -57,8 +57,9 @@ def test_an_unknown_task_ends_with_one_line_and_no_traceback(tmp_path):
         (["--episodes", "0"], "0"),
         (["--seed", "-1"], "-1"),
         (["--task", "needlepick"], "needlepick"),
+        (["--disturb", "2"], "2"),
     ],
-    ids=["no episodes", "negative seed", "task in lower case"],
+    ids=["no episodes", "negative seed", "task in lower case", "disturbed too much"],
 )
 def test_a_bad_argument_ends_with_one_line(changed, named, tmp_path):
     arguments = ["record", "--task", "NeedleReach", "--root", str(tmp_path / "reach"), *changed]

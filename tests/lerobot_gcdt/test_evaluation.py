@@ -46,13 +46,9 @@ class ScriptedExpert:
 
     def select_action(self, batch):
         self.step += 1
-        return torch.from_numpy(np.stack([self.act(*row) for row in zip(
-            batch["task"],
-            batch["observation.state"].numpy(),
-            batch["observation.achieved_goal"].numpy(),
-            batch["observation.goal"].numpy(),
-            strict=True,
-        )]))
+        keys = ("observation.state", "observation.achieved_goal", "observation.goal")
+        rows = zip(batch["task"], *(batch[key].numpy() for key in keys), strict=True)
+        return torch.from_numpy(np.stack([self.act(*row) for row in rows]))
 
     def act(self, sentence, state, achieved, desired):
         observation = {"observation": state, "achieved_goal": achieved, "desired_goal": desired}
@@ -89,7 +85,7 @@ def test_the_expert_reaches_and_holds_the_goal(of_the_expert):
 
 
 def test_a_policy_that_does_nothing_never_succeeds():
-    episodes = evaluate(Zeros(), TASKS, [0, 1])
+    episodes = evaluate(Zeros(), TASKS, [0])
     assert not episodes.reached.any()
     assert not episodes.held.any()
     assert episodes.steps.isna().all()
@@ -125,8 +121,10 @@ def test_steps_are_missing_exactly_where_the_goal_was_not_reached(of_the_expert)
 # Seeds and batches.
 
 
-def test_the_same_seeds_give_the_same_rows(of_the_expert):
-    pd.testing.assert_frame_equal(evaluate(ScriptedExpert(), TASKS, [100, 101, 102]), of_the_expert)
+def test_a_seed_gives_the_same_row_whatever_else_is_evaluated(of_the_expert):
+    alone = evaluate(ScriptedExpert(), ["NeedlePick"], [101])
+    wanted = of_the_expert[(of_the_expert.task == "NeedlePick") & (of_the_expert.seed == 101)]
+    pd.testing.assert_frame_equal(alone, wanted.reset_index(drop=True))
 
 
 def test_the_order_of_the_seeds_changes_nothing_but_the_order_of_the_rows(of_the_expert):
@@ -137,9 +135,8 @@ def test_the_order_of_the_seeds_changes_nothing_but_the_order_of_the_rows(of_the
     )
 
 
-@pytest.mark.parametrize("batch_size", [1, 2])
-def test_the_batch_size_does_not_change_the_outcome(batch_size, of_the_expert):
-    pd.testing.assert_frame_equal(evaluate(ScriptedExpert(), TASKS, [100, 101, 102], batch_size), of_the_expert)
+def test_the_batch_size_does_not_change_the_outcome(of_the_expert):
+    pd.testing.assert_frame_equal(evaluate(ScriptedExpert(), TASKS, [100, 101, 102], batch_size=2), of_the_expert)
 
 
 def test_the_seeds_are_those_of_the_environments_resets():
@@ -159,8 +156,8 @@ def test_seeds_may_come_from_a_generator():
 
 def test_the_policy_is_reset_before_every_batch():
     policy = Zeros()
-    evaluate(policy, TASKS, [0, 1, 2], batch_size=2)
-    assert policy.resets == 2 * len(TASKS)
+    evaluate(policy, ["NeedleReach"], [0, 1, 2], batch_size=2)
+    assert policy.resets == 2
 
 
 def test_every_episode_runs_to_its_time_limit():
@@ -203,13 +200,8 @@ def test_the_interval_is_wilsons(successes, trials):
 
 
 def test_the_description_tells_rates_intervals_starts_and_seeds():
-    episodes = pd.DataFrame({
-        "task": "NeedlePick",
-        "seed": range(500, 540),
-        "reached": [True] * 30 + [False] * 10,
-        "held": [True] * 20 + [False] * 20,
-        "steps": 38.0,
-    })
+    outcomes = {"reached": [True] * 30 + [False] * 10, "held": [True] * 20 + [False] * 20}
+    episodes = pd.DataFrame({"task": "NeedlePick", "seed": range(500, 540), **outcomes})
     reached, held = describe(episodes).splitlines()
     for line, successes in ((reached, 30), (held, 20)):
         low, high = wilson_interval(successes, 40)
@@ -229,7 +221,7 @@ def test_the_description_has_lines_for_every_task(of_the_expert):
 
 def test_an_unknown_task_is_an_error_that_names_it_and_the_known_ones():
     policy = Zeros()
-    with pytest.raises(ValueError, match="NeedleThread.*NeedleReach, NeedlePick"):
+    with pytest.raises(ValueError, match=f"NeedleThread.*{', '.join(TASKS)}"):
         evaluate(policy, ["NeedleReach", "NeedleThread"], [0])
     assert not policy.batches
 

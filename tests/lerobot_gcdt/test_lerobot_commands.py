@@ -39,8 +39,10 @@ def dataset(root: Path) -> list[str]:
     return [f"--dataset.repo_id=local/{root.name}", f"--dataset.root={root}"]
 
 
-def environment(task: str) -> list[str]:
-    return ["--env.type=surrol", f"--env.task={task}-v0"]
+def environment(*tasks: str) -> list[str]:
+    """The simulator, filming small pictures."""
+    names = ",".join(f"{task}-v0" for task in tasks)
+    return ["--env.type=surrol", f"--env.task={names}", "--env.width=64", "--env.height=64"]
 
 
 @pytest.fixture
@@ -209,6 +211,21 @@ def test_fine_tuning_starts_from_the_checkpoint(checkpoint, needle_pick_root, tm
     assert_equal_weights(weights(tuned), weights(checkpoint))
 
 
+def test_lerobots_own_act_trains_on_the_dataset_and_runs_in_the_simulator(needle_pick_root, tmp_path, train, capfd):
+    smallest = ("dim_model=32", "n_heads=2", "dim_feedforward=32", "n_encoder_layers=1", "n_vae_encoder_layers=1")
+    train(
+        *("--policy.type=act", *(f"--policy.{value}" for value in smallest), *ON_CPU, *TWO_EPISODES),
+        *(*dataset(needle_pick_root), *environment("NeedlePick"), "--batch_size=8", "--num_workers=0"),
+        *("--policy.chunk_size=5", "--policy.n_action_steps=5"),
+        *("--steps=2", "--env_eval_freq=2", f"--output_dir={tmp_path / 'output'}"),
+    )
+    model = tmp_path / "output" / "checkpoints" / "last" / "pretrained_model"
+    inputs = PreTrainedConfig.from_pretrained(model).input_features
+    assert {"observation.state", "observation.environment_state"} <= set(inputs)
+    captured = capfd.readouterr()
+    assert "pc_success" in captured.out + captured.err
+
+
 # Evaluation.
 
 
@@ -220,6 +237,20 @@ def test_lerobot_eval_writes_the_success_rate(checkpoint, tmp_path, evaluate):
     info = json.loads((tmp_path / "eval" / "eval_info.json").read_text())
     assert info["overall"]["n_episodes"] == 2
     assert 0 <= info["overall"]["pc_success"] <= 100
+
+
+def test_a_policy_of_two_tasks_is_evaluated_in_both(checkpoint, needle_reach_root, tmp_path, train, evaluate):
+    train(
+        *(f"--policy.path={checkpoint}", *ON_CPU, *dataset(needle_reach_root), "--batch_size=8", "--num_workers=0"),
+        *("--steps=1", f"--output_dir={tmp_path / 'output'}"),
+    )
+    tuned = tmp_path / "output" / "checkpoints" / "last" / "pretrained_model"
+    evaluate(
+        *(f"--policy.path={tuned}", "--policy.device=cpu", *environment("NeedleReach", "NeedlePick"), *TWO_EPISODES),
+        f"--output_dir={tmp_path / 'eval'}",
+    )
+    info = json.loads((tmp_path / "eval" / "eval_info.json").read_text())
+    assert [entry["task_group"] for entry in info["per_task"]] == ["NeedleReach-v0", "NeedlePick-v0"]
 
 
 def test_a_checkpoint_loads_and_acts_in_plain_python(checkpoint):

@@ -8,7 +8,7 @@ from lerobot.datasets.lerobot_dataset import LeRobotDatasetMetadata
 
 from lerobot_gcdt import GCDTConfig, GCDTPolicy
 from lerobot_gcdt.tokens import module_key
-from lerobot_gcdt.trajectories import ACTION, GOAL, STATE, TIME_TO_GOAL
+from lerobot_gcdt.trajectories import ACHIEVED_GOAL, ACTION, GOAL, STATE, TIME_TO_GOAL
 
 PICK = "Pick up the needle and bring its middle to the goal."
 REACH = "Move the closed jaw tips to the point above the needle."
@@ -32,17 +32,27 @@ def two_task_policy(tiny_config):
 def whole(policy, *episodes):
     """The packed demonstrations of some episodes."""
     index = torch.tensor(episodes) * 50
-    return policy._bank.sequences(index, torch.zeros(len(index), dtype=torch.bool), 100)
+    return policy._bank.sequences(index, torch.zeros(len(index), dtype=torch.bool))
 
 
 def observation(batch, task=PICK, size=19):
-    return {STATE: torch.randn(batch, size), GOAL: torch.randn(batch, 3), "task": [task] * batch}
+    return {
+        STATE: torch.randn(batch, size),
+        GOAL: torch.randn(batch, 3),
+        ACHIEVED_GOAL: torch.randn(batch, 3),
+        "task": [task] * batch,
+    }
+
+
+def rows(batch, chosen):
+    """Some rows of a batch."""
+    return {key: value[chosen] if isinstance(value, torch.Tensor) else [PICK] for key, value in batch.items()}
 
 
 # What the prediction may depend on.
 
 
-@pytest.mark.parametrize("key", [STATE, GOAL, TIME_TO_GOAL, ACTION])
+@pytest.mark.parametrize("key", [STATE, GOAL, ACHIEVED_GOAL, TIME_TO_GOAL, ACTION])
 def test_a_change_after_t_changes_no_action_up_to_t(policy, key):
     t = 20
     sequences = whole(policy, 0)
@@ -63,7 +73,7 @@ def test_an_action_is_not_visible_to_its_own_prediction(policy):
     assert not torch.equal(before[:, 21], after[:, 21])
 
 
-@pytest.mark.parametrize("key", [STATE, GOAL, TIME_TO_GOAL])
+@pytest.mark.parametrize("key", [STATE, GOAL, ACHIEVED_GOAL, TIME_TO_GOAL])
 def test_an_action_depends_on_what_is_known_at_its_step(policy, key):
     sequences = whole(policy, 0)
     before = policy.predict_actions(sequences)
@@ -73,11 +83,11 @@ def test_an_action_depends_on_what_is_known_at_its_step(policy, key):
 
 def test_other_trajectories_of_the_row_change_nothing(policy):
     index = torch.tensor([45, 56, 107, 160])  # lengths 45, 6, 7, 10: the short ones share a row
-    sequences = policy._bank.sequences(index, torch.ones(4, dtype=torch.bool), 100)
+    sequences = policy._bank.sequences(index, torch.ones(4, dtype=torch.bool))
     assert len(sequences.segment) < 4
     packed = policy.predict_actions(sequences)
     for i in range(4):
-        alone = policy.predict_actions(policy._bank.sequences(index[i : i + 1], torch.ones(1, dtype=torch.bool), 100))
+        alone = policy.predict_actions(policy._bank.sequences(index[i : i + 1], torch.ones(1, dtype=torch.bool)))
         torch.testing.assert_close(packed[sequences.segment == i], alone[0], atol=1e-6, rtol=1e-5)
 
 
@@ -86,11 +96,19 @@ def test_steps_beyond_the_context_length_are_out_of_sight(tiny_config, needle_pi
     config.context_length, config.layers = 5, 1
     policy = GCDTPolicy(config, dataset_meta=needle_pick_meta)
     sequences = whole(policy, 0)
-    # Sequences of the bank are cut to the context; look at the mask with a longer one.
     before = policy.predict_actions(sequences)
     sequences.items[STATE][:, 10] += 1
     changed = (before != policy.predict_actions(sequences)).any(-1)[0]
     assert torch.nonzero(changed).flatten().tolist() == list(range(10, 15))
+
+
+def test_the_achieved_goal_is_out_of_sight_without_relative_goals(tiny_config, needle_pick_meta):
+    tiny_config.relative_goal = False
+    policy = GCDTPolicy(tiny_config, dataset_meta=needle_pick_meta)
+    sequences = whole(policy, 0)
+    before = policy.predict_actions(sequences)
+    sequences.items[ACHIEVED_GOAL] += 1
+    assert torch.equal(before, policy.predict_actions(sequences))
 
 
 # Remembering equals recomputing.
@@ -106,8 +124,8 @@ def test_the_cached_rollout_equals_the_full_forward_pass(tiny_config, needle_pic
     sequences.items[TIME_TO_GOAL][0, :, 0] = torch.tensor([policy._time_to_goal(PICK, t) for t in range(50)])
     rolled_out = []
     for t in range(50):
-        batch = {STATE: sequences.items[STATE][:, t], GOAL: sequences.items[GOAL][:, t], "task": [PICK]}
-        rolled_out.append(policy.select_action(batch))
+        batch = {key: sequences.items[key][:, t] for key in (STATE, GOAL, ACHIEVED_GOAL)}
+        rolled_out.append(policy.select_action(batch | {"task": [PICK]}))
     sequences.items[ACTION] = torch.stack(rolled_out, 1)
     with torch.no_grad():
         full = policy.predict_actions(sequences)
@@ -120,10 +138,7 @@ def test_the_batch_size_changes_nothing(policy):
     together = torch.stack([policy.select_action(batch) for batch in batches])
     for row in range(5):
         policy.reset()
-        alone = [
-            policy.select_action({STATE: b[STATE][row : row + 1], GOAL: b[GOAL][row : row + 1], "task": [PICK]})
-            for b in batches
-        ]
+        alone = [policy.select_action(rows(batch, slice(row, row + 1))) for batch in batches]
         torch.testing.assert_close(together[:, row : row + 1], torch.stack(alone), atol=1e-6, rtol=1e-5)
 
 
@@ -178,12 +193,12 @@ def test_a_chunk_is_one_action(policy):
 def test_tasks_mix_within_a_batch(two_task_policy):
     state = torch.randn(2, 19)
     state[1, 7:] = 0  # padding of the smaller task
-    goal = torch.randn(2, 3)
-    mixed = two_task_policy.select_action({STATE: state, GOAL: goal, "task": [PICK, REACH]})
+    batch = {STATE: state, GOAL: torch.randn(2, 3), ACHIEVED_GOAL: torch.randn(2, 3), "task": [PICK, REACH]}
+    mixed = two_task_policy.select_action(batch)
     two_task_policy.reset()
-    pick = two_task_policy.select_action({STATE: state[:1], GOAL: goal[:1], "task": [PICK]})
+    pick = two_task_policy.select_action(rows(batch, slice(0, 1)))
     two_task_policy.reset()
-    reach = two_task_policy.select_action({STATE: state[1:, :7], GOAL: goal[1:], "task": [REACH]})
+    reach = two_task_policy.select_action(rows(batch, slice(1, 2)) | {STATE: state[1:, :7], "task": [REACH]})
     assert mixed.shape == (2, 5) and reach.shape == (1, 4)
     torch.testing.assert_close(mixed[:1], pick, atol=1e-6, rtol=1e-5)
     torch.testing.assert_close(mixed[1:, :4], reach, atol=1e-6, rtol=1e-5)
@@ -271,7 +286,7 @@ def test_an_unknown_task_names_the_known_ones(policy):
 
 def test_a_missing_observation_is_named(policy):
     with pytest.raises(KeyError, match=GOAL):
-        policy.select_action({STATE: torch.zeros(1, 19), "task": [PICK]})
+        policy.select_action({STATE: torch.zeros(1, 19), ACHIEVED_GOAL: torch.zeros(1, 3), "task": [PICK]})
 
 
 def test_an_observation_of_another_size_names_both(policy):

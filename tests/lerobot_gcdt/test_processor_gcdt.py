@@ -71,12 +71,16 @@ def test_saved_processors_accept_the_overrides_of_the_trainer(config, needle_pic
             "device_processor": {"device": "cpu"},
             "rename_observations_processor": {"rename_map": {}},
             "normalizer_processor": {
-                "stats": needle_pick_meta.stats, "features": features, "norm_map": config.normalization_mapping
+                "stats": needle_pick_meta.stats,
+                "features": features,
+                "norm_map": config.normalization_mapping,
             },
         },
         postprocessor_overrides={
             "unnormalizer_processor": {
-                "stats": needle_pick_meta.stats, "features": features, "norm_map": config.normalization_mapping
+                "stats": needle_pick_meta.stats,
+                "features": features,
+                "norm_map": config.normalization_mapping,
             },
         },
     )

@@ -14,6 +14,7 @@ import pytest
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 from lerobot.scripts import lerobot_edit_dataset
 
+import surrol_gym
 from lerobot_gcdt import recording
 
 ROOTS = ["needle_pick_root", "needle_reach_root"]
@@ -71,8 +72,8 @@ def test_episodes_run_to_the_time_limit(root):
 def test_failed_attempts_are_left_out(tmp_path, monkeypatch):
     run_episode = recording.run_episode
 
-    def fails_at_seed_1(env, seed):
-        episode = run_episode(env, seed)
+    def fails_at_seed_1(env, seed, *options):
+        episode = run_episode(env, seed, *options)
         return episode | {"success": episode["success"] & (seed != 1)}
 
     monkeypatch.setattr(recording, "run_episode", fails_at_seed_1)
@@ -84,7 +85,7 @@ def test_failed_attempts_are_left_out(tmp_path, monkeypatch):
 
 def test_an_expert_that_never_succeeds_is_an_error_and_leaves_no_dataset(tmp_path, monkeypatch):
     failed = {"success": np.zeros(1, dtype=bool)}
-    monkeypatch.setattr(recording, "run_episode", lambda env, seed: failed)
+    monkeypatch.setattr(recording, "run_episode", lambda *arguments: failed)
     with pytest.raises(RuntimeError, match="NeedleReach"):
         recording.record("NeedleReach", 1, 0, tmp_path / "reach")
     assert not (tmp_path / "reach").exists()
@@ -93,8 +94,8 @@ def test_an_expert_that_never_succeeds_is_an_error_and_leaves_no_dataset(tmp_pat
 def test_the_summary_tells_success_rate_and_steps(tmp_path, monkeypatch, capsys):
     run_episode = recording.run_episode
 
-    def fails_at_seed_0(env, seed):
-        episode = run_episode(env, seed)
+    def fails_at_seed_0(env, seed, *options):
+        episode = run_episode(env, seed, *options)
         return episode | {"success": episode["success"] & (seed != 0)}
 
     monkeypatch.setattr(recording, "run_episode", fails_at_seed_0)
@@ -105,9 +106,9 @@ def test_the_summary_tells_success_rate_and_steps(tmp_path, monkeypatch, capsys)
 
 
 def test_features_are_those_of_the_design(root):
-    names = gym.make(facts(root)["env_id"])
-    o, g, a = (len(getattr(names.unwrapped, f"{kind}_names")) for kind in ("observation", "goal", "action"))
-    names.close()
+    env = gym.make(facts(root)["env_id"])
+    o, g, a = (len(getattr(env.unwrapped, f"{kind}_names")) for kind in ("observation", "goal", "action"))
+    env.close()
     features = LeRobotDataset("local/x", root=root).features
     bookkeeping = {"timestamp", "frame_index", "episode_index", "index", "task_index"}
     assert {key: (f["dtype"], *f["shape"]) for key, f in features.items() if key not in bookkeeping} == {
@@ -196,6 +197,78 @@ def test_every_episode_replays_from_its_seed_to_the_same_numbers(root):
 def test_the_expert_repeats_its_actions_from_the_seed(root):
     seed, episode = facts(root)["seeds"][-1], episodes(root)[-1]
     np.testing.assert_array_equal(episode["action"], replay(root, seed)["action"])
+
+
+# Disturbed demonstrations.
+
+
+class Executed(gym.Wrapper):
+    """Notes the actions that reach the environment."""
+
+    def __init__(self, env):
+        super().__init__(env)
+        self.actions = []
+
+    def step(self, action):
+        self.actions.append(action)
+        return super().step(action)
+
+
+@pytest.fixture(scope="module")
+def disturbed():
+    """A disturbed episode of NeedlePick and the actions that were executed in it."""
+    env = Executed(gym.make("surrol/NeedlePick-v0"))
+    episode = recording.run_episode(env, 3, 0.5)
+    env.close()
+    return episode, np.stack(env.actions)
+
+
+def test_a_disturbed_episode_records_what_the_expert_wanted(disturbed):
+    episode, _ = disturbed
+    env = gym.make("surrol/NeedlePick-v0")
+    expert = surrol_gym.make_expert(env)
+    env.close()
+    for t, action in enumerate(episode["action"]):
+        seen = {key: episode[key][t] for key in ("observation", "achieved_goal", "desired_goal")}
+        np.testing.assert_array_equal(expert.act(seen), action)
+
+
+def test_pushes_are_bounded_never_downwards_and_leave_the_jaws_alone(disturbed):
+    episode, executed = disturbed
+    pushes = executed - episode["action"]
+    assert np.any(pushes)
+    assert np.abs(pushes).max() <= 0.5
+    assert pushes[:, 2].min() >= 0
+    assert not pushes[:, 4].any()
+
+
+def test_most_steps_of_a_disturbed_episode_are_not_pushed(disturbed):
+    episode, executed = disturbed
+    assert np.mean(np.any(executed != episode["action"], axis=1)) < 0.5
+
+
+def test_a_disturbed_episode_repeats_from_its_seed(disturbed):
+    env = gym.make("surrol/NeedlePick-v0")
+    again = recording.run_episode(env, 3, 0.5)
+    env.close()
+    for key, values in disturbed[0].items():
+        np.testing.assert_array_equal(again[key], values)
+
+
+def test_a_disturbed_dataset_differs_and_tells_how_much_it_was_disturbed(reach_pair, tmp_path):
+    root = recording.record("NeedleReach", 2, 0, tmp_path / "reach", disturb=0.5)
+    assert (facts(root)["disturb"], facts(reach_pair)["disturb"]) == (0.5, 0)
+    data = "data/chunk-000/file-000.parquet"
+    assert files(root)[data] != files(reach_pair)[data]
+    with pytest.raises(ValueError, match="disturb"):
+        recording.record("NeedleReach", 2, 0, root)
+
+
+@pytest.mark.parametrize("disturb", [-0.1, 1.5, float("nan")])
+def test_a_disturbance_out_of_range_leaves_no_trace(tmp_path, disturb):
+    with pytest.raises(ValueError, match=str(disturb)):
+        recording.record("NeedleReach", 1, 0, tmp_path / "reach", disturb=disturb)
+    assert not list(tmp_path.iterdir())
 
 
 # Other programs read it.
@@ -332,7 +405,7 @@ def uninterrupted():
 assert in_child(uninterrupted) == 0
 touches = int(open(os.path.join(sys.argv[1], "touches")).read())
 os.remove(os.path.join(sys.argv[1], "touches"))
-for at in sorted({*range(1, touches, 6), *range(touches - 4, touches + 1)}):
+for at in sorted({*range(1, touches, 8), *range(touches - 4, touches + 1)}):
     killed(f"touch_{at}", lambda folder, at=at: count_touches(folder, at, die))
 for at in (1, 75):
     killed(f"step_{at}", lambda folder, at=at: count_steps(at, die))
@@ -351,9 +424,7 @@ def killed_recordings(tmp_path_factory):
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="forks children to kill")
 def test_a_killed_recording_goes_on_to_the_same_bytes(killed_recordings):
     expected = files(killed_recordings / "uninterrupted" / "dataset")
-    different = [
-        run.name for run in sorted(killed_recordings.iterdir()) if files(run / "dataset") != expected
-    ]
+    different = [run.name for run in sorted(killed_recordings.iterdir()) if files(run / "dataset") != expected]
     assert expected
     assert not different
 
@@ -372,11 +443,11 @@ def test_finished_episodes_are_not_run_again(tmp_path, monkeypatch):
     run_episode = recording.run_episode
     ran = []
 
-    def interrupted_in_the_second(env, seed):
+    def interrupted_in_the_second(env, seed, *options):
         ran.append(seed)
         if len(ran) == 2:
             raise KeyboardInterrupt
-        return run_episode(env, seed)
+        return run_episode(env, seed, *options)
 
     monkeypatch.setattr(recording, "run_episode", interrupted_in_the_second)
     with pytest.raises(KeyboardInterrupt):
@@ -408,7 +479,7 @@ def test_a_folder_with_another_recording_stays_as_it_is(reach_pair, arguments, n
 
 
 def test_a_folder_with_another_unfinished_recording_stays_as_it_is(tmp_path, monkeypatch):
-    def interrupted(env, seed):
+    def interrupted(*arguments):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(recording, "run_episode", interrupted)
@@ -453,5 +524,5 @@ def test_bad_arguments_leave_no_trace(tmp_path, arguments, named):
 
 
 def test_an_unknown_task_is_answered_with_the_known_ones(tmp_path):
-    with pytest.raises(ValueError, match="NeedleReach, NeedlePick"):
+    with pytest.raises(ValueError, match=", ".join(surrol_gym.TASKS)):
         recording.record("NeedleThread", 1, 0, tmp_path / "reach")

@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from lerobot_gcdt.tokens import ORDER, ItemTokenizer, TaskModules, module_key
-from lerobot_gcdt.trajectories import ACTION, GOAL, STATE, TIME_TO_GOAL
+from lerobot_gcdt.trajectories import ACHIEVED_GOAL, ACTION, GOAL, STATE, TIME_TO_GOAL
 
 
 def test_the_tokens_of_a_step_come_in_the_papers_order():
@@ -44,9 +44,19 @@ def test_actions_are_bounded():
     assert actions.abs().max() <= 1
 
 
-@pytest.mark.parametrize(("key", "size"), [(TIME_TO_GOAL, 1), (GOAL, 3), (STATE, 7), (ACTION, 5)])
-def test_every_kind_of_item_has_a_tokenizer_of_its_size(key, size):
-    assert len(TaskModules([7, 3, 5], 8).tokenizer(key).mean) == size
+@pytest.mark.parametrize("key", ORDER)
+def test_every_kind_of_item_becomes_a_token(key):
+    items = {TIME_TO_GOAL: torch.randn(6, 1), STATE: torch.randn(6, 7), ACTION: torch.randn(6, 5)}
+    items |= {GOAL: torch.randn(6, 3), ACHIEVED_GOAL: torch.randn(6, 3)}
+    assert TaskModules([7, 3, 5], 8).tokenize(key, items).shape == (6, 8)
+
+
+def test_a_relative_goal_token_holds_what_is_left_to_the_goal():
+    goal = {GOAL: torch.randn(4, 3), ACHIEVED_GOAL: torch.randn(4, 3)}
+    elsewhere = goal | {ACHIEVED_GOAL: torch.randn(4, 3)}
+    relative, absolute = TaskModules([7, 3, 5], 8), TaskModules([7, 3, 5], 8, relative_goal=False)
+    assert not torch.equal(relative.tokenize(GOAL, goal), relative.tokenize(GOAL, elsewhere))
+    assert torch.equal(absolute.tokenize(GOAL, goal), absolute.tokenize(GOAL, elsewhere))
 
 
 def test_sentences_become_module_names():

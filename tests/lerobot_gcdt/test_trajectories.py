@@ -8,8 +8,6 @@ from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
 from lerobot_gcdt.trajectories import ACHIEVED_GOAL, ACTION, GOAL, STATE, TIME_TO_GOAL, TrajectoryBank
 
-ALL_KEPT = 1000  # a length that no episode reaches
-
 
 @pytest.fixture(scope="module")
 def bank(needle_pick_root):
@@ -24,11 +22,11 @@ def compute_reward():
 
 
 def relabelled(bank, index):
-    return bank.sequences(index, torch.ones(len(index), dtype=torch.bool), ALL_KEPT)
+    return bank.sequences(index, torch.ones(len(index), dtype=torch.bool))
 
 
 def whole(bank, index):
-    return bank.sequences(index, torch.zeros(len(index), dtype=torch.bool), ALL_KEPT)
+    return bank.sequences(index, torch.zeros(len(index), dtype=torch.bool))
 
 
 def cuts(bank, seed=0, count=60):
@@ -42,7 +40,10 @@ def test_windows_equal_lerobots_delta_timestamps_bit_for_bit(bank, needle_pick_r
     offsets = [i / 5 for i in range(1 - length, 1)]
     keys = (STATE, GOAL, ACHIEVED_GOAL, TIME_TO_GOAL, ACTION)
     dataset = LeRobotDataset(
-        "local/needle_pick", root=needle_pick_root, delta_timestamps={key: offsets for key in keys}, video_backend="pyav"
+        "local/needle_pick",
+        root=needle_pick_root,
+        delta_timestamps={key: offsets for key in keys},
+        video_backend="pyav",
     )
     index = torch.tensor([0, 3, 49, 50, 51, 120, len(bank) - 1])
     items, padding = bank.windows(index, length)
@@ -104,12 +105,6 @@ def test_trajectories_that_are_not_relabelled_are_whole(bank):
             assert torch.equal(sequences.items[key][sequences.segment == i], bank.items[key][start : start + 50]), key
 
 
-def test_long_trajectories_keep_their_last_steps(bank):
-    index = torch.tensor([40])
-    sequences = bank.sequences(index, torch.ones(1, dtype=torch.bool), 10)
-    assert sequences.timestep.tolist() == [list(range(30, 40))]
-
-
 def test_packing_keeps_every_step_once_and_trajectories_in_one_piece(bank):
     index = cuts(bank, seed=1)
     sequences = relabelled(bank, index)
@@ -123,7 +118,7 @@ def test_packing_keeps_every_step_once_and_trajectories_in_one_piece(bank):
 def test_most_computed_steps_are_real(bank):
     index = torch.randint(len(bank), (32,), generator=torch.Generator().manual_seed(0))
     relabel = torch.rand(32, generator=torch.Generator().manual_seed(0)) < 0.5
-    assert bank.sequences(index, relabel, ALL_KEPT).real.float().mean() > 0.8
+    assert bank.sequences(index, relabel).real.float().mean() > 0.8
 
 
 def test_expected_steps_are_the_mean_steps_to_the_first_success(bank):

@@ -6,6 +6,8 @@ import surrol_gym
 
 # Steps within which an expert first succeeds (section 5 of the facts).
 FIRST_SUCCESS = {"NeedleReach": (18, 26), "NeedlePick": (35, 42)}
+STRAGGLERS = {"NeedleReach": 0, "NeedlePick": 3}
+"""How many of the 100 episodes may lie outside."""
 EPISODES = 100
 ON_THE_PAD = 3.4219
 """Height of the needle at rest, su (section 9)."""
@@ -55,7 +57,8 @@ def test_experts_are_as_fast_as_the_originals(env, episodes):
     low, high = FIRST_SUCCESS[env.unwrapped.task]
     first = np.array([1 + successes.index(True) for successes, _, _ in episodes])
     assert low <= first.mean() <= high
-    assert np.sum((low <= first) & (first <= high)) >= 0.97 * EPISODES
+    outside = sorted(first[(first < low) | (first > high)])
+    assert len(outside) <= STRAGGLERS[env.unwrapped.task], outside
 
 
 def test_actions_of_experts_are_in_the_action_space(env, episodes):
@@ -131,7 +134,7 @@ class Disturbance:
         return np.array(self._change(action), dtype=np.float32)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_jaws_that_closed_on_nothing_open_and_try_again(patient_pick, seed):
     above_the_needle = Disturbance(
         begins=lambda state, action: state[2] - state[15] < 0.09 and np.hypot(*(state[:2] - state[13:15])) < 0.05,
@@ -144,7 +147,7 @@ def test_jaws_that_closed_on_nothing_open_and_try_again(patient_pick, seed):
     assert successes[-1]
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_a_needle_that_fell_is_picked_up_again(patient_pick, seed):
     in_the_air = Disturbance(
         begins=lambda state, action: state[HEIGHT] > ON_THE_PAD + 0.06,
@@ -156,7 +159,7 @@ def test_a_needle_that_fell_is_picked_up_again(patient_pick, seed):
     assert successes[-1]
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_a_needle_that_was_pushed_away_is_followed(patient_pick, seed):
     at_the_first_closing = Disturbance(
         begins=lambda state, action: action[4] < 0,
