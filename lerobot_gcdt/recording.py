@@ -79,8 +79,8 @@ def record(task: str, episodes: int, seed: int, root: str | Path, disturb: float
     if root.exists():
         _check_same(wanted, root / RECORDING_FILE, root)
         print(f"{root} is complete already.")
-        if (parts / PARTS_NOTE).exists():  # the end of an earlier call was interrupted
-            _remove_parts(parts)
+        if (parts / PARTS_NOTE).exists() or (parts.is_dir() and not any(parts.iterdir())):
+            _remove_parts(parts)  # what an earlier call, interrupted at its very end, left
     else:
         _prepare_parts(wanted, parts)
         env = gym.make(wanted.env_id)
@@ -214,6 +214,9 @@ def _build_dataset(env: gym.Env, wanted: Recording, kept: list[Path], parts: Pat
             )
         dataset.save_episode()
     dataset.finalize()
+    # LeRobot writes its statistics in the order of a set, which differs from process to process.
+    stats = building / "meta/stats.json"
+    stats.write_text(json.dumps(json.loads(stats.read_text()), indent=4, sort_keys=True) + "\n")
     facts = asdict(wanted) | {
         "seeds": [int(file.stem) for file in kept],
         "attempts": int(kept[-1].stem) - wanted.seed + 1,
@@ -263,7 +266,7 @@ def _remove_parts(parts: Path) -> None:
             shutil.rmtree(file)
         elif file.name != PARTS_NOTE:
             file.unlink()
-    (parts / PARTS_NOTE).unlink()
+    (parts / PARTS_NOTE).unlink(missing_ok=True)
     parts.rmdir()
 
 

@@ -150,9 +150,10 @@ class NeedlePickEnv(PSMEnv):
         lateral = np.hypot(to_grasp[0], to_grasp[1])
         if HELD_JAW[0] < jaw < HELD_JAW[1] and lateral < 0.02 and abs(to_grasp[2]) < 0.02:
             return Target(observation["desired_goal"] - middle, jaw=CLOSE, gain=LIFT_GAIN, speed=0.4)
-        # The jaws are symmetric, but always the same of the two orientations across the needle is taken, the one that
-        # turns by -180 to 0 degrees from the start: where the choice flips, learners find no action between the two.
-        turn = (needle_yaw - yaw + 1.5 * np.pi) % (2 * np.pi) - 1.5 * np.pi
+        # The jaws are symmetric; of the two orientations across the needle the one with a yaw within 90 degrees of 0 is
+        # taken, not the nearer one: it is always within reach of the roll joint, and the choice flips where no episode
+        # starts. Where it flips, learners would find no action between the two.
+        turn = (needle_yaw + np.pi / 2) % np.pi - np.pi / 2 - yaw
         misalignment = max(lateral, 0.05 * abs(turn))
         if misalignment < ALIGNED and abs(to_grasp[2]) < ALIGNED:
             return Target(to_grasp, turn, CLOSE)

@@ -27,7 +27,7 @@ def test_help_shows_an_example(arguments, capsys):
 
 def test_the_example_in_the_help_is_a_valid_command(capsys, monkeypatch):
     calls = []
-    monkeypatch.setattr("lerobot_gcdt.recording.record", lambda *arguments, **options: calls.append(arguments))
+    monkeypatch.setattr("lerobot_gcdt.cli.record_dataset", lambda *arguments, **options: calls.append(arguments))
     example = " ".join(help_of(["record"], capsys).split()).split("example: gcdt ")[1]
     cli.main(example.split())
     assert calls

@@ -257,7 +257,8 @@ def test_a_checkpoint_loads_and_acts_in_plain_python(checkpoint):
     policy = GCDTPolicy.from_pretrained(checkpoint)
     env = gym.make("surrol/NeedlePick-v0")
     observation, _ = env.reset(seed=0)
-    batch = observation_batch({key: value[None] for key, value in observation.items()}, env.unwrapped.task_description)
+    row = {key: value[None] for key, value in observation.items()}
+    batch = observation_batch(policy, row, env.unwrapped.task_description)
     env.close()
     policy.reset()
     first = policy.select_action(batch)
@@ -372,8 +373,8 @@ def change_config(model: Path, **values):
 
 @pytest.mark.parametrize(
     "values",
-    [{"width": 64}, {"inner_width": 32}, {"context_length": 50}, {"layers": 3}, {"layers": 1}],
-    ids=["wider", "narrower inside", "shorter context", "a layer more", "a layer less"],
+    [{"width": 64}, {"inner_width": 32}, {"max_timesteps": 50}, {"layers": 3}, {"layers": 1}],
+    ids=["wider", "narrower inside", "fewer timesteps", "a layer more", "a layer less"],
 )
 def test_weights_that_do_not_fit_their_configuration_are_refused(copy_of_the_checkpoint, values):
     change_config(copy_of_the_checkpoint, **values)

@@ -1,5 +1,6 @@
 """The action objective."""
 
+import pytest
 import torch
 
 from lerobot_gcdt.objectives import action_loss
@@ -15,7 +16,7 @@ def packed():
 
 def test_it_is_the_mean_squared_error_over_real_steps():
     prediction = torch.zeros(1, 4, 2)
-    assert action_loss(prediction, packed(), 2).item() == (1 + 0 + 0.25) / 3
+    assert action_loss(prediction, packed(), 2).item() == pytest.approx((1 + 0 + 0.25) / 3)
 
 
 def test_padding_has_no_gradient():

@@ -526,3 +526,50 @@ def test_bad_arguments_leave_no_trace(tmp_path, arguments, named):
 def test_an_unknown_task_is_answered_with_the_known_ones(tmp_path):
     with pytest.raises(ValueError, match=", ".join(surrol_gym.TASKS)):
         recording.record("NeedleThread", 1, 0, tmp_path / "reach")
+
+
+def test_another_process_records_the_same_bytes(needle_reach_root, tmp_path):
+    root = tmp_path / needle_reach_root.name
+    command = ["record", "--task", "NeedleReach", "--episodes", "4", "--root", str(root)]
+    program = f"from lerobot_gcdt.cli import main; main({command})"
+    subprocess.run([sys.executable, "-c", program], env=os.environ | {"PYTHONHASHSEED": "7"}, check=True)
+    assert files(root) == files(needle_reach_root)
+
+
+# Disturbed recordings.
+
+
+def test_disturbed_episodes_are_labelled_with_the_experts_own_actions(tmp_path):
+    root = recording.record("NeedleReach", 1, 0, tmp_path / "reach", disturb=0.5)
+    seed = facts(root)["seeds"][0]
+    env = gym.make("surrol/NeedleReach-v0")
+    expert, clean = surrol_gym.make_expert(env), recording.run_episode(env, seed)
+    disturbed = recording.run_episode(env, seed, disturb=0.5)
+    labels = [
+        expert.act({key: disturbed[key][t] for key in ("observation", "achieved_goal", "desired_goal")})
+        for t in range(50)
+    ]
+    env.close()
+    assert np.array_equal(disturbed["action"], np.stack(labels))
+    assert not np.array_equal(disturbed["observation"], clean["observation"])
+    assert np.array_equal(episodes(root)[0]["observation.state"], disturbed["observation"])
+
+
+def test_pushes_never_go_down_nor_move_the_jaws():
+    rng = np.random.default_rng(0)
+    pushes = np.stack([recording._push(rng, np.zeros(5)) for _ in range(2000)])
+    assert (pushes[:, 2] >= 0).all() and (pushes[:, 4] == 0).all()
+    assert (pushes[:, 0] < 0).any() and (pushes[:, 0] > 0).any()
+
+
+def test_pushes_are_more_frequent_where_the_expert_moves_slowly():
+    rng = np.random.default_rng(0)
+    slow, fast = (np.mean([recording._push(rng, np.full(5, size)).any() for _ in range(4000)]) for size in (0.01, 0.9))
+    assert slow > 1.5 * fast > 0
+
+
+@pytest.mark.parametrize("level", [-0.1, 1.5])
+def test_a_disturbance_out_of_range_is_named(tmp_path, level):
+    with pytest.raises(ValueError, match=str(level)):
+        recording.record("NeedleReach", 1, 0, tmp_path / "reach", disturb=level)
+    assert not list(tmp_path.iterdir())
