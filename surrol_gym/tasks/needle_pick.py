@@ -19,8 +19,11 @@ HELD_JAW = (0.08, 0.45)
 
 OPEN, CLOSE = 0.5, -0.5
 HOVER = 0.025
+"""Height above the grasp at which the tool waits until it is aligned, su."""
 ALIGNED = 0.001
+"""Misalignment below which the jaws close, su."""
 LIFT_GAIN = 0.1
+"""Share of the way to a distant goal that one step covers."""
 
 
 class NeedlePickEnv(PSMEnv):
