@@ -4,10 +4,24 @@ from gymnasium.envs.registration import register
 
 from surrol_gym.experts import make_expert
 
-TASKS = ("NeedleReach", "NeedlePick")
+_TIME_LIMITS = {
+    "NeedleReach": 50,
+    "GauzeRetrieve": 50,
+    "NeedlePick": 50,
+    "PegTransfer": 50,
+    "NeedleRegrasp": 50,
+    "BiPegTransfer": 100,
+    "BiPegBoard": 100,
+    "MatchBoardPanel": 100,
+    "PickAndPlace": 100,
+    "MatchBoard": 100,
+}
+
+TASKS = tuple(_TIME_LIMITS)
 """Names of the registered tasks, in the order of the paper's tables."""
 
 __all__ = ["TASKS", "make_expert"]
 
-register("surrol/NeedleReach-v0", "surrol_gym.tasks.needle_reach:NeedleReachEnv", max_episode_steps=50)
-register("surrol/NeedlePick-v0", "surrol_gym.tasks.needle_pick:NeedlePickEnv", max_episode_steps=50)
+for _task, _limit in _TIME_LIMITS.items():
+    _module = "".join(f"_{letter.lower()}" if letter.isupper() else letter for letter in _task).strip("_")
+    register(f"surrol/{_task}-v0", f"surrol_gym.tasks.{_module}:{_task}Env", max_episode_steps=_limit)

@@ -1,5 +1,6 @@
-"""One PyBullet world per object: bodies, contacts, pictures and snapshots. No module-level state."""
+"""One PyBullet world per object: bodies, contacts and snapshots. No module-level state."""
 
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,45 +15,41 @@ ASSETS = Path(__file__).parent / "assets"
 TIME_STEP = 1 / 240
 """Duration of one sub-step, seconds (facts, section 1.6)."""
 
+_REST_SPEED, _REST_SPIN = 2e-3, 2e-2
+"""A body slower than this, su / s and radians / s, is taken to rest."""
+
 
 @dataclass(frozen=True)
-class Camera:
-    """A pinhole camera.
+class Prop:
+    """Something that pictures show.
 
     Attributes:
-        eye: Position, su, world frame.
-        target: The point in the centre of the picture, su, world frame.
-        field_of_view: Vertical opening angle, degrees.
+        file_name: URDF in ``surrol_gym/assets``.
+        position: Where its base link is at first, su, world frame.
+        yaw: Rotation of the base link about z, radians.
+        pose: Called for the pose of its centre-of-mass frame, or None if it never moves.
+        joints: Called for its joint positions, or None if it has none.
     """
 
-    eye: tuple[float, float, float]
-    target: tuple[float, float, float]
-    field_of_view: float = 45.0
-
-    def matrices(self, aspect):
-        """Returns the view and projection matrices for a picture of this aspect ratio (width / height)."""
-        view = pybullet.computeViewMatrix(self.eye, self.target, (0, 0, 1))
-        return view, pybullet.computeProjectionMatrixFOV(self.field_of_view, aspect, 0.1, 20.0)
+    file_name: str
+    position: tuple[float, float, float]
+    yaw: float
+    pose: Callable | None = None
+    joints: Callable | None = None
 
 
 class World:
     """A PyBullet client with the engine parameters of SurRoL (facts, section 1.6).
 
-    Args:
-        gui: Opens PyBullet's window instead of simulating headlessly.
-
-    Raises:
-        RuntimeError: The window cannot be opened (usually: no display).
+    Attributes:
+        client: The client.
+        props: What a ``surrol_gym.stage.Stage`` shows of this world.
     """
 
-    def __init__(self, gui=False):
-        try:
-            self.client = BulletClient(pybullet.GUI if gui else pybullet.DIRECT)
-        except pybullet.error as error:
-            raise RuntimeError(
-                "PyBullet could not open a window; on a machine without a display use render_mode='rgb_array'."
-            ) from error
-        self._moving = []
+    def __init__(self):
+        self.client = connect()
+        self.props = []
+        self._moving, self._sleepers = [], []
         self.client.setGravity(0, 0, -9.81)
         self.client.setPhysicsEngineParameter(
             fixedTimeStep=TIME_STEP, numSolverIterations=50, deterministicOverlappingPairs=1
@@ -60,10 +57,9 @@ class World:
 
     def close(self):
         """Disconnects the client; closing twice is harmless."""
-        with suppress(pybullet.error):
-            self.client.disconnect()
+        disconnect(self.client)
 
-    def load(self, file_name, position=(0, 0, 0), yaw=0.0, fixed=True):
+    def load(self, file_name, position=(0, 0, 0), yaw=0.0, fixed=True, sleeps=True, look=...):
         """Loads a URDF of ``surrol_gym/assets`` (written in metres) at five times its size.
 
         Args:
@@ -71,34 +67,68 @@ class World:
             position: Position of the base link, su, world frame.
             yaw: Rotation of the base link about z, radians.
             fixed: Whether the base is immovable.
+            sleeps: Whether the simulation may skip the body while it rests and nothing that moves touches it.
+            look: URDF that pictures show instead, or None for nothing.
 
         Returns:
             The body's id.
         """
-        return self.client.loadURDF(
+        client = self.client
+        body = client.loadURDF(
             str(ASSETS / file_name),
             position,
             pybullet.getQuaternionFromEuler((0, 0, yaw)),
             useFixedBase=fixed,
             globalScaling=SCALING,
+            flags=pybullet.URDF_IGNORE_VISUAL_SHAPES,
         )
-
-    def marker(self, radius, color):
-        """Creates a sphere that is only seen: no collision, no mass. Returns the body's id."""
-        shape = self.client.createVisualShape(pybullet.GEOM_SPHERE, radius=radius, rgbaColor=color)
-        body = self.client.createMultiBody(baseMass=0, baseVisualShapeIndex=shape)
-        self._moving.append((body, ()))
+        joints = range(client.getNumJoints(body))
+        if not fixed or joints:
+            self._moving.append((body, joints, sleeps))
+        if sleeps:
+            client.changeDynamics(body, -1, activationState=pybullet.ACTIVATION_STATE_ENABLE_SLEEPING)
+        if fixed and not joints:
+            # Between two bodies that sleep, PyBullet looks for no contacts.
+            client.changeDynamics(body, -1, activationState=pybullet.ACTIVATION_STATE_SLEEP)
+        if look is not None:
+            self.draw(
+                file_name if look is ... else look,
+                position,
+                yaw,
+                None if fixed else lambda: client.getBasePositionAndOrientation(body),
+                (lambda: [state[0] for state in client.getJointStates(body, joints)]) if joints else None,
+            )
         return body
 
+    def draw(self, file_name, position=(0, 0, 0), yaw=0.0, pose=None, joints=None):
+        """Adds something to the pictures that the simulation knows nothing of; see ``Prop`` for the arguments."""
+        self.props.append(Prop(file_name, tuple(position), yaw, pose, joints))
+
     def place(self, body, position, orientation=(0, 0, 0, 1)):
-        """Moves a body's centre-of-mass frame to a pose and stops it."""
+        """Moves a body's centre-of-mass frame to a pose, stops it and wakes it up."""
         self.client.resetBasePositionAndOrientation(body, position, orientation)
         self.client.resetBaseVelocity(body, (0, 0, 0), (0, 0, 0))
+        self.client.changeDynamics(body, -1, activationState=pybullet.ACTIVATION_STATE_WAKE_UP)
 
     def pose(self, body):
         """Returns position (3,), su, and quaternion (x, y, z, w) of a body's centre-of-mass frame, world frame."""
         position, orientation = self.client.getBasePositionAndOrientation(body)
         return np.array(position), np.array(orientation)
+
+    def frame(self, body, position, orientation=(0, 0, 0, 1)):
+        """Returns where a frame fixed to a body is.
+
+        Args:
+            body: The body.
+            position: Origin of the frame in the body's centre-of-mass frame, su.
+            orientation: Its quaternion (x, y, z, w) there.
+
+        Returns:
+            Position (3,), su, and fixed-axis x-y-z Euler angles (3,), radians, world frame.
+        """
+        pose = self.client.getBasePositionAndOrientation(body)
+        position, orientation = pybullet.multiplyTransforms(*pose, position, orientation)
+        return np.array(position), np.array(pybullet.getEulerFromQuaternion(orientation))
 
     def step(self, count):
         """Advances the simulation by a number of sub-steps."""
@@ -108,12 +138,8 @@ class World:
 
     def mark_built(self):
         """Declares that all bodies are loaded; call it once, before the first step."""
-        for body in map(self.client.getBodyUniqueId, range(self.client.getNumBodies())):
-            joints = range(self.client.getNumJoints(body))
-            free = self.client.getDynamicsInfo(body, -1)[0] > 0
-            if free or joints:
-                self._moving.append((body, joints))
-            if free:
+        for body, _, _ in self._moving:
+            if self.client.getDynamicsInfo(body, -1)[0] > 0:
                 # Far apart, no two bodies form a pair, so going back to this moment drops all that pairs remember.
                 self.place(body, (0.0, 0.0, 20.0 + 5.0 * body))
         self._as_built = self.client.saveState()
@@ -127,43 +153,61 @@ class World:
                 client.getBaseVelocity(body),
                 tuple(joint[:2] for joint in client.getJointStates(body, joints)) if joints else (),
             )
-            for body, joints in self._moving
+            for body, joints, _ in self._moving
         )
 
     def set_state(self, state):
-        """Restores what ``get_state`` returned and forgets all contacts.
+        """Restores what ``get_state`` returned, forgets all contacts and lets what rests sleep.
 
         PyBullet keeps contacts from one sub-step to the next and starts its solver from them, but restores them
-        wrongly for bodies of several pieces. Forgetting them makes what follows depend on the state alone.
+        wrongly for bodies of several pieces. Forgetting them makes what follows depend on the state alone. A sleeping
+        body costs nothing until something that moves touches it.
         """
         client = self.client
         self.restore_built()
-        for (body, _), (pose, velocity, joints) in zip(self._moving, state, strict=True):
+        for (body, _, sleeps), (pose, velocity, joints) in zip(self._moving, state, strict=True):
             client.resetBasePositionAndOrientation(body, *pose)
             client.resetBaseVelocity(body, *velocity)
             for joint, (position, speed) in enumerate(joints):
                 client.resetJointState(body, joint, position, speed)
+            if sleeps:
+                sleep = _rests(velocity, joints)
+                client.changeDynamics(
+                    body,
+                    -1,
+                    activationState=pybullet.ACTIVATION_STATE_SLEEP if sleep else pybullet.ACTIVATION_STATE_WAKE_UP,
+                )
 
     def restore_built(self):
         """Goes back to the moment of ``mark_built``."""
         self.client.restoreState(self._as_built)
         self.client.performCollisionDetection()  # finds that nothing touches, and so drops all pairs
 
-    def render(self, camera, width, height):
-        """Renders a picture with PyBullet's software renderer.
 
-        Returns:
-            An array of shape (height, width, 3), uint8.
-        """
-        view, projection = camera.matrices(width / height)
-        _, _, rgba, _, _ = self.client.getCameraImage(
-            width,
-            height,
-            view,
-            projection,
-            lightDirection=(4, 2, 10),
-            shadow=0,
-            renderer=pybullet.ER_TINY_RENDERER,
-        )
-        # A PyBullet built without NumPy returns a flat tuple.
-        return np.reshape(np.asarray(rgba, dtype=np.uint8), (height, width, 4))[..., :3]
+def connect(gui=False):
+    """Returns a new PyBullet client.
+
+    Raises:
+        RuntimeError: The window cannot be opened (usually: no display).
+    """
+    try:
+        return BulletClient(pybullet.GUI if gui else pybullet.DIRECT)
+    except pybullet.error as error:
+        raise RuntimeError(
+            "PyBullet could not open a window; on a machine without a display use render_mode='rgb_array'."
+        ) from error
+
+
+def disconnect(client):
+    """Ends a client; ending it twice is harmless."""
+    with suppress(pybullet.error):
+        client.disconnect()
+
+
+def _rests(velocity, joints):
+    (linear, angular) = velocity
+    return (
+        max(map(abs, linear)) < _REST_SPEED
+        and max(map(abs, angular)) < _REST_SPIN
+        and all(abs(speed) < _REST_SPEED for _, speed in joints)
+    )

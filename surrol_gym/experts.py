@@ -1,6 +1,6 @@
 """Scripted experts: feedback laws from an observation to an action.
 
-A task says where its arm should be next, from nothing but the observation (``expert_target``); the expert turns that
+A task says where its arms should be next, from nothing but the observation (``expert_target``); the expert turns that
 into an action. Because no waypoint counter exists, it can start from any state, corrects until the residual is gone
 and returns to an earlier phase when a grasp fails.
 """
@@ -10,6 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from surrol_gym.envs.psm_env import STEP_SIZE
+
+OPEN, CLOSE = 0.5, -0.5
+"""Gripper actions."""
 
 NEAR_GAIN, NEAR = 0.5, 0.03
 """Share of a small offset that one step covers, and how small that is, su.
@@ -21,43 +24,70 @@ large enough to be learned; covering that much from afar would make the arm jerk
 
 @dataclass(frozen=True)
 class Target:
-    """Where a task's plan wants its arm.
+    """Where a task's plan wants an arm.
 
     Attributes:
         offset: From link 5 to where it should be, shape (3,), su.
-        turn: Rotation about the vertical that is left to do, radians.
+        turn: Rotation of the tool that is left to do, radians.
         jaw: Gripper action: negative closes.
         gain: Share of a large offset that one step covers; near the target it rises to ``NEAR_GAIN``.
         speed: Largest action along an axis.
+        turn_speed: Largest turning action.
     """
 
     offset: np.ndarray
     turn: float = 0.0
-    jaw: float = -0.5
+    jaw: float = CLOSE
     gain: float = 0.153
     speed: float = 1.0
+    turn_speed: float = 0.4
+
+
+def grasp(to_grasp, turn=0.0, hover=0.025, aligned=0.001, **kwargs):
+    """Approaches an object from above with open jaws, and closes them on it.
+
+    The tool sinks only as far as it is aligned, so a disturbed descent corrects itself on the way.
+
+    Args:
+        to_grasp: From link 5 to where it should be when the jaws close, shape (3,), su.
+        turn: Rotation of the tool that is left to do, radians.
+        hover: Height above the grasp at which the tool waits until it is aligned, su.
+        aligned: Misalignment below which the jaws close, su; 0.05 su of it count as one radian.
+        **kwargs: Further attributes of the target.
+
+    Returns:
+        The ``Target``.
+    """
+    misalignment = max(np.hypot(to_grasp[0], to_grasp[1]), 0.05 * abs(turn))
+    if misalignment < aligned and abs(to_grasp[2]) < aligned:
+        return Target(to_grasp, turn, CLOSE, **kwargs)
+    clearance = np.clip(3 * (misalignment - aligned), 0.0, hover)
+    return Target(to_grasp + (0.0, 0.0, clearance), turn, OPEN, **kwargs)
 
 
 class Expert:
-    """Executes the plan of one single-arm task.
+    """Executes the plan of one task.
 
     Args:
         env: The environment, wrapped or not; only its constants are read.
     """
 
-    _TURN_LIMIT = 0.4
-
     def __init__(self, env):
         self._env = env.unwrapped
 
     def act(self, observation):
-        """Returns the action for an observation of the environment, shape (5,), float32, in [-1, 1]."""
-        target = self._env.expert_target(observation)
-        distance = np.abs(target.offset).max()
-        gain = target.gain + (NEAR_GAIN - target.gain) * np.exp(-distance / NEAR)
-        motion = target.offset * min(gain / STEP_SIZE, target.speed / max(distance, 1e-12))
-        turn = np.clip(target.turn, -self._TURN_LIMIT, self._TURN_LIMIT)
-        return np.array([*motion, turn, target.jaw], dtype=np.float32)
+        """Returns the action for an observation of the environment, shape (5,) or (10,), float32, in [-1, 1]."""
+        targets = self._env.expert_target(observation)
+        if isinstance(targets, Target):
+            targets = (targets,)
+        return np.concatenate([_action(target) for target in targets], dtype=np.float32)
+
+
+def _action(target):
+    distance = np.abs(target.offset).max()
+    gain = target.gain + (NEAR_GAIN - target.gain) * np.exp(-distance / NEAR)
+    motion = target.offset * min(gain / STEP_SIZE, target.speed / max(distance, 1e-12))
+    return *motion, np.clip(target.turn, -target.turn_speed, target.turn_speed), target.jaw
 
 
 def make_expert(env):

@@ -7,7 +7,7 @@ shapes are our own.
 
 from pathlib import Path
 
-from surrol_gym.assets import needle, psm, room
+from surrol_gym.assets import boards, glyphs, needle, pegs, psm, room
 from surrol_gym.assets.urdf import GREEN, YELLOW
 
 HERE = Path(__file__).parent
@@ -17,11 +17,26 @@ def main(folder: Path = HERE) -> None:
     """Writes all assets into a folder."""
     psm.write_psm(folder, "psm", YELLOW)
     psm.write_psm(folder, "psm2", GREEN)
+    psm.write_gripper(folder)
     room.write_floor(folder)
+    room.write_goal(folder)
     room.write_table(folder)
     room.write_tray(folder, "tray", pad=False)
     room.write_tray(folder, "tray_pad", pad=True)
     needle.write_needle(folder)
+    pegs.write_gauze(folder)
+    pegs.write_block(folder, "block", pegs.BLUE)
+    pegs.write_block(folder, "block_red", pegs.RED)
+    pegs.write_peg_board(folder, "peg_board_tall", top=0.0362)
+    pegs.write_peg_board(folder, "peg_board_short", top=0.0306)
+    pegs.write_ring_board(folder)
+    pegs.write_ring(folder, "ring", pegs.BLUE)
+    pegs.write_ring(folder, "ring_red", pegs.RED)
+    glyphs.write_glyphs(folder)
+    boards.write_match_panel(folder)
+    boards.write_match_board(folder)
+    boards.write_pots(folder)
+    boards.write_jacks(folder)
 
 
 if __name__ == "__main__":

@@ -24,75 +24,45 @@ from surrol_gym.assets.urdf import (
 
 
 def write_psm(folder: Path, name: str, accent: tuple) -> None:
-    """The Patient Side Manipulator: a base and eight joints (facts 1.2), the accent colour telling the arms apart.
+    """The looks of the Patient Side Manipulator: a base and eight joints, the accent colour telling the arms apart.
 
-    SurRoL's parallel linkage is cosmetic. Its bars hang motionless on the yaw link here, level as they are whenever the
-    pitch joint is near zero, so the arm keeps exactly the joints that move the tool.
+    Facts 1.2. SurRoL's parallel linkage is cosmetic. Its bars hang motionless on the yaw link here, level as they are
+    whenever the pitch joint is near zero, so the arm keeps exactly the joints that move the tool.
     """
     turned = (-QUARTER, -QUARTER, 0)
+    shaft, pin = (0, 0.4318, 0), (0.0091, 0, 0)
     write_urdf(
         folder,
         name,
-        link("base_link", *_base_look(folder), mass=2.0161, size=(0.134, 0.407, 0.219)),
-        joint("yaw", "base_link", "yaw_link", (0, 0.4864, 0), (QUARTER, -QUARTER, 0), (-1.5883, 1.5883), 100),
-        link("yaw_link", *_yaw_look(folder, accent), mass=1.4705, com=(-0.0388, 0, 0.528), size=(0.145, 0.163, 0.296)),
-        joint("pitch_end", "yaw_link", "pitch_end_link", (0, 0, 0), turned, (-0.9251, 0.9251), 100),
-        link(
-            "pitch_end_link",
-            *_pitch_look(folder, accent),
-            mass=2.091,
-            com=(0.0442, 0.27985, 0),
-            size=(0.08, 0.575, 0.078),
-        ),
-        joint(
-            "main_insertion",
-            "pitch_end_link",
-            "main_insertion_link",
-            (0, 0.4318, 0),
-            (QUARTER, 0, 0),
-            (0, 0.24),
-            100,
-            "prismatic",
-        ),
-        link(
-            "main_insertion_link",
-            *_insertion_look(folder),
-            mass=0.22491,
-            com=(-0.0001, -0.0041, 0.0099),
-            size=(0.044, 0.083, 0.122),
-        ),
-        joint("tool_roll", "main_insertion_link", "tool_roll_link", (0, 0, 0.4162), (0, 0, 0), (-4.5379, 4.5379), 100),
-        # The roll and wrist collision shapes have the bounding boxes of SurRoL's hulls (facts 1.3).
-        link(
-            "tool_roll_link",
-            *_roll_look(folder),
-            collision(node("cylinder", radius=0.00416, length=0.011), (0, 0, -0.0036)),
-            mass=0.00033225,
-            com=(0, 0, -0.0058),
-            size=(0.0083, 0.0083, 0.011),
-        ),
-        joint("tool_pitch", "tool_roll_link", "tool_pitch_link", (0, 0, 0), turned, (-1.3963, 1.3963), 100),
-        link(
-            "tool_pitch_link",
-            *_wrist_look(folder),
-            collision(_wrist_hull(folder), (0, 0, 0.0001)),
-            mass=0.00025784,
-            com=(0.0036, 0, 0),
-            size=(0.013, 0.0064, 0.008),
-        ),
-        joint("tool_yaw", "tool_pitch_link", "tool_yaw_link", (0.0091, 0, 0), turned, (-1.3963, 1.3963), 100),
-        link(
-            "tool_yaw_link",
-            visual(node("cylinder", radius=0.0008, length=0.0068), STEEL),
-            # SurRoL splits this mass over the hinge and a tip link 10.2 mm ahead. Put where it keeps their moment about
-            # the hinge: without that inertia PyBullet's solver no longer holds the jaws.
-            mass=0.2,
-            com=(0, 0.0102 / np.sqrt(2), 0),
-            size=(0.0013, 0.0013, 0.005),
-        ),
-        *_jaw(folder, "gripper1", side=1),
-        *_jaw(folder, "gripper2", side=-1),
+        link("base_link", *_base_look(folder)),
+        joint("yaw", "base_link", "yaw_link", (0, 0.4864, 0), (QUARTER, -QUARTER, 0), (-1.5883, 1.5883)),
+        link("yaw_link", *_yaw_look(folder, accent)),
+        joint("pitch_end", "yaw_link", "pitch_end_link", (0, 0, 0), turned, (-0.9251, 0.9251)),
+        link("pitch_end_link", *_pitch_look(folder, accent)),
+        joint("main_insertion", "pitch_end_link", "insertion_link", shaft, (QUARTER, 0, 0), (0, 0.24), "prismatic"),
+        link("insertion_link", *_insertion_look(folder)),
+        joint("tool_roll", "insertion_link", "tool_roll_link", (0, 0, 0.4162), (0, 0, 0), (-4.5379, 4.5379)),
+        link("tool_roll_link", *_roll_look(folder)),
+        joint("tool_pitch", "tool_roll_link", "tool_pitch_link", (0, 0, 0), turned, (-1.3963, 1.3963)),
+        link("tool_pitch_link", *_wrist_look(folder)),
+        joint("tool_yaw", "tool_pitch_link", "tool_yaw_link", pin, turned, (-1.3963, 1.3963)),
+        link("tool_yaw_link", visual(node("cylinder", radius=0.0008, length=0.0068), STEEL)),
+        *_jaw("gripper1", visual(_jaw_look(folder), SILVER)),
+        *_jaw("gripper2", visual(_jaw_look(folder), SILVER, rpy=(0, np.pi, 0))),
     )
+
+
+def write_gripper(folder: Path) -> None:
+    """What is simulated of the arm: link 5 and the two jaws, the parts that touch things (facts 1.3)."""
+    box = node("box", size=(0.0014, 0.0102, 0.0018))
+    jaws = []
+    for name, side in (("gripper1", 1), ("gripper2", -1)):
+        # The mass is a compromise: peg transfer wants lighter jaws, pure friction grasps heavier ones.
+        inertial = {"mass": 0.1, "com": (side * 0.000196, 0.001435, side * -0.000885), "friction": 1}
+        jaws += _jaw(name, collision(box, (side * 0.0007, 0.0051, 0)), **inertial)
+    # A slim stand-in for the wrist: with its true width, BiPegBoard would start with both wrists in the board.
+    wrist = collision(node("capsule", radius=0.0025, length=0.005), (0, -0.0065, 0), (QUARTER, 0, 0))
+    write_urdf(folder, "psm_gripper", link("tool_yaw_link", wrist, mass=1), *jaws)
 
 
 def _base_look(folder: Path) -> list[ET.Element]:
@@ -168,43 +138,23 @@ def _wrist_look(folder: Path) -> list[ET.Element]:
     return [visual(obj(folder, "psm_wrist", meshes.merge(root, body, ear, other)), SILVER)]
 
 
-def _wrist_hull(folder: Path) -> ET.Element:
-    """Collision of the wrist, narrowing to both pins.
+def _jaw_look(folder: Path) -> ET.Element:
+    """The first jaw, pointing along y from its hinge; shut, the inner faces of the two meet in x = 0.
 
-    A plain box would be 1.6 times too big: BiPegBoard starts with both wrists against its board (facts 1.7), and the
-    corners of a box push the instruments 4 mm out.
+    Half a turn about y makes the second: it mirrors x and puts the hub on the other half of the pin.
     """
-    stations = [(-0.0024, 0.0008, 0.0026), (0, 0.0024, 0.0032), (0.002, 0.0032, 0.004), (0.006, 0.0032, 0.004)]
-    stations.append((0.0106, 0.0026, 0.0009))
-    rings = []
-    for x, y, z in stations:
-        ring = meshes.rectangle(y, z, 0, min(y, z) / 2, 2)
-        rings.append(np.c_[np.full(len(ring), x), ring[:, :2]])
-    return obj(folder, "psm_wrist_hull", meshes.loft(rings))
-
-
-def _jaw(folder: Path, name: str, side: int) -> tuple[ET.Element, ET.Element]:
-    """One jaw, pointing along y from its hinge; shut, the inner faces of the two meet in x = 0 (facts 1.3)."""
     hub = meshes.lathe([(0.0023, -0.00195), (0.0023, -0.00005)], 20)
-    # Stations along the blade: y, width in x, half height in z. The collision box is 1.4 x 10.2 x 1.8 mm.
+    # Stations along the blade: y, width in x, half height in z.
     stations = [(0.0005, 0.0019, 0.0009), (0.003, 0.0017, 0.0009), (0.007, 0.0014, 0.0009), (0.0097, 0.001, 0.00065)]
     stations.append((0.0102, 0.0007, 0.00045))
     blade = []
     for y, width, height in stations:
         ring = meshes.rectangle(width / 2, height, 0, width / 4)
         blade.append(np.c_[width / 2 - ring[:, 0], np.full(len(ring), y), ring[:, 1]])
-    jaw = obj(folder, "psm_jaw", meshes.merge(hub, meshes.loft(blade)))
-    # Half a turn about y makes the second jaw: it mirrors x and puts its hub on the other half of the pin.
-    return (
-        joint(name, "tool_yaw_link", f"{name}_link", (0, 0, 0), (0, 0, 0), (-1, 1), 20),
-        link(
-            f"{name}_link",
-            visual(jaw, SILVER, rpy=(0, 0 if side > 0 else np.pi, 0)),
-            collision(node("box", size=(0.0014, 0.0102, 0.0018)), (side * 0.0007, 0.0051, 0)),
-            # A compromise: peg transfer wants lighter jaws, pure friction grasps want heavier ones (facts 1.3).
-            mass=0.1,
-            com=(side * 0.000196, 0.001435, side * -0.000885),
-            size=(0.0014, 0.0102, 0.0018),
-            friction=1,
-        ),
-    )
+    return obj(folder, "psm_jaw", meshes.merge(hub, meshes.loft(blade)))
+
+
+def _jaw(name: str, shape: ET.Element, **inertial) -> tuple[ET.Element, ET.Element]:
+    """A jaw on its hinge."""
+    hinge = joint(name, "tool_yaw_link", f"{name}_link", (0, 0, 0), (0, 0, 0), (-1, 1))
+    return hinge, link(f"{name}_link", shape, **inertial)

@@ -1,4 +1,4 @@
-"""What every task stands on: floor, table, tray and skin pad."""
+"""What the tasks share: floor, table, tray, skin pad and the mark of a goal."""
 
 from pathlib import Path
 
@@ -9,6 +9,7 @@ from surrol_gym.assets.urdf import (
     BROWN,
     DARK,
     QUARTER,
+    RED,
     SKIN,
     TABLE_GREY,
     TRAY_GREY,
@@ -25,6 +26,11 @@ def write_floor(folder: Path) -> None:
     """Brown ground, its top at z = 0."""
     slab, below = node("box", size=(6, 6, 0.02)), (0, 0, -0.01)
     write_urdf(folder, "floor", link("floor", visual(slab, BROWN, below), collision(slab, below)))
+
+
+def write_goal(folder: Path) -> None:
+    """Red sphere that marks a goal in pictures (facts 4)."""
+    write_urdf(folder, "goal", link("goal", visual(node("sphere", radius=0.003), RED)))
 
 
 def write_table(folder: Path) -> None:

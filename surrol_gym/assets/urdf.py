@@ -19,6 +19,7 @@ GREEN = (0.1, 0.55, 0.2)
 TRAY_GREY = (0.74, 0.76, 0.79)
 SKIN = (0.93, 0.78, 0.64)
 TABLE_GREY = (0.92, 0.92, 0.92)
+RED = (0.9, 0.05, 0.05)
 BROWN = (0.47, 0.34, 0.2)
 
 
@@ -85,7 +86,7 @@ def link(
 
 
 def joint(
-    name: str, parent: str, child: str, xyz: tuple, rpy: tuple, limits: tuple, effort: float, kind: str = "revolute"
+    name: str, parent: str, child: str, xyz: tuple, rpy: tuple, limits: tuple, kind: str = "revolute"
 ) -> ET.Element:
     """A joint about or along the z axis of its child."""
     return node(
@@ -94,7 +95,7 @@ def joint(
         node("child", link=child),
         node("origin", xyz=xyz, rpy=rpy),
         node("axis", xyz=(0, 0, 1)),
-        node("limit", lower=limits[0], upper=limits[1], effort=effort, velocity=1 if kind == "prismatic" else 2.1),
+        node("limit", lower=limits[0], upper=limits[1], effort=20, velocity=1 if kind == "prismatic" else 2.1),
         name=name,
         type=kind,
     )

@@ -4,13 +4,15 @@ import os
 import sys
 from abc import abstractmethod
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 from gymnasium.error import ClosedEnvironmentError, ResetNeeded
 
-from surrol_gym.bullet import Camera, World
+from surrol_gym.bullet import World
+from surrol_gym.stage import KINDS, Camera, Stage
 
 SUB_STEPS = 48
 """Simulation sub-steps in one control step of 0.2 s (facts, section 1.6)."""
@@ -19,6 +21,8 @@ SETTLING_STEPS = 60
 """Sub-steps between posing the scene and the first observation (facts, section 1.6)."""
 
 _WORLD_EXTENT = 100.0  # Bounds of the observation spaces: nothing can leave the floor.
+
+_PICTURES = {"rgb_array": "rgb", "depth_array": "depth", "segmentation": "segmentation"}
 
 # PyBullet ends the whole process when it cannot reach an X server, so the mode is offered only where it can work.
 _HAS_DISPLAY = not sys.platform.startswith("linux") or "DISPLAY" in os.environ
@@ -38,13 +42,16 @@ class GoalEnv(gym.Env):
     """Base of all tasks: dict observations with goals, sparse rewards, seeded resets that load nothing.
 
     Observations are dicts of float32 arrays ``observation``, ``achieved_goal`` and ``desired_goal``, in scaled units
-    (1 su = 0.2 m) and radians, world frame. The reward is 0 in success and -1 otherwise; ``terminated`` is always
+    (1 su = 0.2 m) and radians, world frame; with ``obs_type="pixels_state"`` also ``pixels``, a picture of shape
+    (height, width, 3), uint8. The reward is 0 in success and -1 otherwise; ``terminated`` is always
     False. ``info`` holds ``is_success``, ``contact_force`` (sum of the normal forces on the arms in the last
     sub-step, kg su / s^2) and ``workspace_clipped`` (whether the action pointed out of the workspace).
 
     Args:
-        render_mode: None, ``"rgb_array"`` or, on a machine with a display, ``"human"``.
-        camera: Name of the camera that ``render`` uses, one of ``cameras``.
+        render_mode: None, ``"rgb_array"``, ``"depth_array"``, ``"segmentation"`` or, on a machine with a display,
+            ``"human"``; see ``surrol_gym.stage.Stage.render`` for what the pictures hold.
+        obs_type: ``"state"`` or ``"pixels_state"``.
+        camera: Name of the camera of ``render`` and ``pixels``, one of ``cameras``.
         width: Width of the picture, pixels.
         height: Height of the picture, pixels.
 
@@ -52,7 +59,7 @@ class GoalEnv(gym.Env):
         ValueError: An argument is not one of the values above.
     """
 
-    metadata = {"render_modes": ["rgb_array"] + ["human"] * _HAS_DISPLAY, "render_fps": 5}
+    metadata = {"render_modes": [*_PICTURES, *["human"] * _HAS_DISPLAY], "render_fps": 5}
 
     task: str
     """Name of the task, one of ``surrol_gym.TASKS``."""
@@ -63,13 +70,17 @@ class GoalEnv(gym.Env):
     """Name of each number of ``observation``; datasets carry them."""
     goal_names: tuple[str, ...]
     action_names: tuple[str, ...]
+    goal_tolerance = 0.025
+    """Distance from the desired goal that is success, su."""
 
-    def __init__(self, render_mode=None, camera="closeup", width=256, height=256):
+    def __init__(self, render_mode=None, obs_type="state", camera="closeup", width=256, height=256):
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             hint = " ('human' needs a display)" if render_mode == "human" else ""
             raise ValueError(
                 f"render_mode must be None or one of {self.metadata['render_modes']}, got {render_mode!r}{hint}."
             )
+        if obs_type not in ("state", "pixels_state"):
+            raise ValueError(f"obs_type must be 'state' or 'pixels_state', got {obs_type!r}.")
         self.render_mode = render_mode
         self._picture = self._check_picture(camera, width, height)
         self.action_space = gym.spaces.Box(-1.0, 1.0, (len(self.action_names),), np.float32)
@@ -83,15 +94,22 @@ class GoalEnv(gym.Env):
                 )
             }
         )
-        self.world = World(gui=render_mode == "human")
+        if obs_type == "pixels_state":
+            self.observation_space["pixels"] = gym.spaces.Box(0, 255, (height, width, 3), np.uint8)
+        self.world = World()
+        self._stage = None
         self._closed = False
         self._goal = None
         self._world_state = None
-        self.world.load("floor.urdf")
-        self.world.load("table.urdf", (2.5, 0.0, 0.005))
+        # Things near the camera first: the renderer then finds the others hidden.
         self._build_scene()
-        self._goal_marker = self.world.marker(radius=0.015, color=(0.9, 0.05, 0.05, 1.0))
+        for part in range(0, len(self.goal_names), 3):
+            self.world.draw("goal.urdf", pose=partial(self._goal_pose, part))
+        self.world.load("table.urdf", (2.5, 0.0, 0.005))
+        self.world.load("floor.urdf")
         self.world.mark_built()
+        if render_mode == "human":
+            self._get_stage()
 
     # What a task defines.
 
@@ -127,9 +145,9 @@ class GoalEnv(gym.Env):
     def _contact_force(self):
         """Returns the sum of the normal forces on the arms."""
 
-    @abstractmethod
     def is_success(self, achieved_goal, desired_goal):
         """Tests achieved against desired goals of shape (..., G); returns booleans of shape (...)."""
+        return np.linalg.norm(np.subtract(achieved_goal, desired_goal), axis=-1) < self.goal_tolerance
 
     def _get_task_state(self):
         """Returns what the task must remember beside the simulation."""
@@ -149,7 +167,7 @@ class GoalEnv(gym.Env):
         self._pose_scene()
         self.world.step(SETTLING_STEPS)
         self._goal = np.asarray(self._sample_goal(), dtype=np.float64)
-        self.world.place(self._goal_marker, self._goal[:3])
+        self._after_sub_steps()
         contact_force = self._contact_force()
         self._forget_contacts()
         observation = self._get_observation()
@@ -173,26 +191,41 @@ class GoalEnv(gym.Env):
         return observation, float(info["is_success"]) - 1.0, False, False, info
 
     def render(self):
-        """Returns a picture, shape (height, width, 3), uint8, in mode ``"rgb_array"``; the window shows itself."""
+        """Returns a picture as the render mode says; in mode ``"human"`` the window shows itself."""
         self._check_open()
-        if self.render_mode == "rgb_array":
-            return self.world.render(*self._picture)
+        if self.render_mode in _PICTURES:
+            return self._render(*self._picture, _PICTURES[self.render_mode])
         return None
 
-    def picture(self, camera="closeup", width=256, height=256):
+    def picture(self, camera="closeup", width=256, height=256, kind="rgb"):
         """Renders the scene from any camera at any size, whatever the render mode.
 
+        Args:
+            camera: One of ``cameras``.
+            width: Pixels.
+            height: Pixels.
+            kind: ``"rgb"``, ``"depth"`` or ``"segmentation"``; see ``surrol_gym.stage.Stage.render``.
+
         Returns:
-            An array of shape (height, width, 3), uint8.
+            An array of shape (height, width, 3), uint8, or (height, width), float32 or int32.
         """
         self._check_open()
-        return self.world.render(*self._check_picture(camera, width, height))
+        if kind not in KINDS:
+            raise ValueError(f"A picture has one of the kinds {KINDS}, got {kind!r}.")
+        return self._render(*self._check_picture(camera, width, height), kind)
+
+    @property
+    def segment_names(self):
+        """What the numbers of a segmentation stand for: its pixels are indices into this tuple."""
+        return self._get_stage().names
 
     def close(self):
         """Frees the simulation; closing twice is harmless."""
         if not self._closed:
             self._closed = True
             self.world.close()
+            if self._stage is not None:
+                self._stage.close()
 
     # The multi-goal API: everything vectorised over leading axes.
 
@@ -238,11 +271,28 @@ class GoalEnv(gym.Env):
     # Details.
 
     def _get_observation(self):
-        return {
+        observation = {
             "observation": np.asarray(self._observe(), dtype=np.float32),
             "achieved_goal": np.asarray(self._achieved_goal(), dtype=np.float32),
             "desired_goal": self._goal.astype(np.float32),
         }
+        if "pixels" in self.observation_space.spaces:
+            observation["pixels"] = self._render(*self._picture)
+        if self.render_mode == "human":
+            self._get_stage().update()
+        return observation
+
+    def _render(self, camera, width, height, kind="rgb"):
+        return self._get_stage().render(camera, width, height, kind)
+
+    def _get_stage(self):
+        if self._stage is None:
+            self._stage = Stage(self.world, gui=self.render_mode == "human")
+        return self._stage
+
+    def _goal_pose(self, part):
+        position = (0, 0, -1) if self._goal is None else self._goal[part : part + 3]  # below the floor at first
+        return position, (0, 0, 0, 1)
 
     def _forget_contacts(self):
         # From here on the episode depends on poses and velocities only, which is all that get_state has to keep.

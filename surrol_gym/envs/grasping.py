@@ -9,22 +9,25 @@ class Grasp:
     """Attaches one object to one arm.
 
     Closing the jaws while both touch the object makes the grasp active. Once the task's requirement holds, the object
-    is fixed to link 5. It is released when the jaws open or neither touches it any more.
+    is fixed to link 5. It is released when the jaws open or lose touch.
 
     Args:
         world: The ``surrol_gym.bullet.World`` of both.
         arm: The ``surrol_gym.psm.arm.Arm``.
         body: Id of the object.
-        requirement: Called without arguments; says whether an active grasp may attach the object.
+        requirement: Called without arguments; says whether an active grasp may attach the object. None: at once.
         max_force: Largest force of the constraint.
+        needs_both_jaws: Whether losing touch with one jaw releases the object; otherwise both have to.
     """
 
-    def __init__(self, world, arm, body, requirement, max_force=20.0):
+    def __init__(self, world, arm, body, requirement=None, max_force=20.0, needs_both_jaws=False):
         self._client = world.client
         self._arm = arm
         self._body = body
         self._requirement = requirement
         self._max_force = max_force
+        self._holds = all if needs_both_jaws else any
+        self._rivals = ()
         self._active = False
         self._touched = (False, False)
         self._constraint = None
@@ -39,15 +42,22 @@ class Grasp:
         if not closing:
             self.release()
         elif not self._active:
-            self._active = all(self._touched)
+            self._active = all(self._touched) and not any(rival._active for rival in self._rivals)
 
     def after_step(self):
         """Attaches or detaches the object, after the simulation has advanced."""
         self._touched = self._arm.touches(self._body)
-        if self.attached and not any(self._touched):
+        if self.attached and not self._holds(self._touched):
             self.release()
-        elif self._active and not self.attached and self._requirement():
-            self._attach(*self._relative_pose())
+        elif self._active and not self.attached and (self._requirement is None or self._requirement()):
+            self.attach()
+
+    def attach(self):
+        """Fixes the object to link 5 as it is."""
+        self._active = True
+        link = self._client.getBasePositionAndOrientation(self._arm.body)
+        inverse = pybullet.invertTransform(*link)
+        self._fix(*pybullet.multiplyTransforms(*inverse, *self._client.getBasePositionAndOrientation(self._body)))
 
     def release(self):
         """Lets go of the object."""
@@ -73,14 +83,9 @@ class Grasp:
         self.release()
         self._active, self._touched, frame = state
         if frame is not None:
-            self._attach(*frame)
+            self._fix(*frame)
 
-    def _relative_pose(self):
-        link = self._client.getLinkState(self._arm.body, END_EFFECTOR)
-        inverse = pybullet.invertTransform(link[0], link[1])
-        return pybullet.multiplyTransforms(*inverse, *self._client.getBasePositionAndOrientation(self._body))
-
-    def _attach(self, position, orientation):
+    def _fix(self, position, orientation):
         self._constraint = self._client.createConstraint(
             self._arm.body,
             END_EFFECTOR,
@@ -93,3 +98,9 @@ class Grasp:
             parentFrameOrientation=orientation,
         )
         self._client.changeConstraint(self._constraint, maxForce=self._max_force)
+
+
+def exclude_each_other(grasps):
+    """Lets only one of several grasps be active at a time: two arms never pull at one object."""
+    for grasp in grasps:
+        grasp._rivals = tuple(rival for rival in grasps if rival is not grasp)

@@ -1,4 +1,6 @@
-"""Base of the tasks with one arm: five numbers per action."""
+"""Base of the tasks: arms, their action semantics and their part of the observation."""
+
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -9,68 +11,150 @@ from surrol_gym.units import to_su
 STEP_SIZE = 0.05
 """Motion of a full action along one axis, su."""
 
-_WORKSPACE = np.array([[0.50, 0.60], [-0.05, 0.05], [0.675, 0.745]])  # metres (facts, section 2)
-_WORKSPACE_PADDING = np.array([[-0.02, 0.02], [-0.02, 0.02], [0.0, 0.08]])  # su
+YAW, PITCH = 2, 1
+"""Index of the Euler angle that an action turns."""
+
+_TIP_OFFSET = 0.0102  # metres; workspaces are those of the tips, actions move link 5
+_PADDING = np.array([[-0.02, 0.02], [-0.02, 0.02], [0.0, 0.08]])  # su
 
 
-ROBOT_STATE_NAMES = ("psm1_x", "psm1_y", "psm1_z", "psm1_roll", "psm1_pitch", "psm1_yaw", "psm1_jaw")
+@dataclass(frozen=True)
+class Mount:
+    """One arm of a task: where it stands, where it starts and how it moves (facts, sections 1.1, 1.7 and 2).
+
+    Attributes:
+        start_position: Position of link 5 at reset, su, world frame.
+        start_euler: Its orientation at reset, fixed-axis x-y-z Euler angles, radians.
+        euler: Orientation of the tool; the angle ``turns`` is controlled, the two others are fixed.
+        turns: ``YAW`` turns the tool about the vertical, ``PITCH`` about its second Euler angle.
+        turn_step: Turn of a full action, radians; 0 keeps the orientation.
+        workspace: Limits of the tips along x, y and z, metres, shape (3, 2).
+        base_position: Position of the base, metres, world frame.
+        base_yaw: Rotation of the base about z, radians.
+        look: URDF that pictures show.
+    """
+
+    start_position: tuple[float, float, float]
+    start_euler: tuple[float, float, float] = tuple(DOWN)
+    euler: tuple[float, float, float] = tuple(DOWN)
+    turns: int = YAW
+    turn_step: float = np.deg2rad(30)
+    workspace: tuple = ((0.50, 0.60), (-0.05, 0.05), (0.675, 0.745))
+    base_position: tuple[float, float, float] = (0.05, 0.24, 0.8524)
+    base_yaw: float = np.deg2rad(-110)
+    look: str = "psm.urdf"
+
+    def limits(self):
+        """Returns the lowest and the highest position of link 5, each of shape (3,), su."""
+        return (to_su(np.array(self.workspace) + [[0.0], [0.0], [_TIP_OFFSET]]) + _PADDING).T
+
+
+def psm2(**kwargs):
+    """Returns the mount of the second arm, on the other side of the table."""
+    return Mount(base_position=(0.05, -0.24, 0.8524), base_yaw=np.deg2rad(-70), look="psm2.urdf", **kwargs)
+
+
+def robot_state_names(arm):
+    """Names of the seven numbers that every observation holds of an arm."""
+    return tuple(f"{arm}_{number}" for number in ("x", "y", "z", "roll", "pitch", "yaw", "jaw"))
+
+
+def xyz(name):
+    """Names of the three coordinates of a point."""
+    return tuple(f"{name}_{axis}" for axis in "xyz")
+
+
+def rpy(name):
+    """Names of three Euler angles."""
+    return tuple(f"{name}_{angle}" for angle in ("roll", "pitch", "yaw"))
 
 
 class PSMEnv(GoalEnv):
-    """A task with one PSM whose tool points straight down.
+    """A task with one or two PSMs.
 
-    An action is ``(dx, dy, dz, d_yaw, gripper)`` in [-1, 1]: the first three move link 5 by up to 0.05 su along the
-    world's axes from where it is measured, within the workspace; the fourth turns the tool about the vertical by up to
-    ``yaw_step``; a negative gripper closes the jaws, any other opens them to 40 degrees (facts, section 2).
+    An action holds five numbers in [-1, 1] for each arm, ``(dx, dy, dz, turn, gripper)``: the first three move link 5
+    by up to 0.05 su along the world's axes from where it is measured, within the workspace; the fourth turns the tool;
+    a negative gripper closes the jaws, any other opens them to 40 degrees (facts, section 2).
     """
 
-    action_names = ("psm1_dx", "psm1_dy", "psm1_dz", "psm1_dyaw", "psm1_gripper")
-    start_position: tuple[float, float, float]
-    """Position of link 5 at reset, su."""
-    yaw_step = np.deg2rad(30)
-    """Turn of a full action, radians; 0 keeps the tool's orientation."""
+    mounts: tuple[Mount, ...]
     has_gripper = True
-    """Whether the action moves the jaws; otherwise they stay closed."""
+    """Whether actions move the jaws; otherwise they stay closed."""
+
+    def __init_subclass__(cls, **kwargs):
+        super().__init_subclass__(**kwargs)
+        if "mounts" in cls.__dict__:
+            cls.action_names = tuple(
+                f"psm{number}_{name}"
+                for number, mount in enumerate(cls.mounts, 1)
+                for name in ("dx", "dy", "dz", ("droll", "dpitch", "dyaw")[mount.turns], "gripper")
+            )
 
     def _build_scene(self):
-        self.arm = Arm(self.world, base_position=(0.05, 0.24, 0.8524), base_yaw=np.deg2rad(-110))
-        self.grasps = []
-        self._low, self._high = (
-            to_su(_WORKSPACE + [[0.0], [0.0], [0.0102]]) + _WORKSPACE_PADDING
-        ).T  # the workspace is one of the tips
+        self.arms = [Arm(self.world, mount.base_position, mount.base_yaw, mount.look) for mount in self.mounts]
+        self.grasps = [[] for _ in self.mounts]
+        """For each arm the grasps that its jaws may take."""
+        self._limits = [mount.limits() for mount in self.mounts]
 
     def _pose_scene(self):
-        for grasp in self.grasps:
+        for grasp in self._all_grasps():
             grasp.reset()
-        self.arm.reset(self.start_position, DOWN)
+        for arm, mount in zip(self.arms, self.mounts, strict=True):
+            arm.reset(mount.start_position, mount.start_euler)
 
     def _apply_action(self, action):
-        position, euler = self.arm.pose()
-        wanted = position + STEP_SIZE * action[:3]
-        target = np.clip(wanted, self._low, self._high)
-        yaw = euler[2] + self.yaw_step * action[3]
-        self.arm.move_to(target, (DOWN[0], DOWN[1], yaw))
-        closing = action[4] < 0 or not self.has_gripper
-        for grasp in self.grasps:
-            grasp.before_step(closing)
-        self.arm.command_jaws(JAW_CLOSED if closing else JAW_OPEN)
-        return bool(np.any(wanted != target))
+        clipped = False
+        for index, (arm, mount) in enumerate(zip(self.arms, self.mounts, strict=True)):
+            dx_dy_dz, turn, gripper = action[5 * index : 5 * index + 3], action[5 * index + 3], action[5 * index + 4]
+            position, euler = arm.pose()
+            wanted = position + STEP_SIZE * dx_dy_dz
+            target = np.clip(wanted, *self._limits[index])
+            clipped |= bool((wanted != target).any())
+            arm.move_to(target, _turned(mount, euler[mount.turns] + mount.turn_step * turn))
+            closing = gripper < 0 or not self.has_gripper
+            for grasp in self.grasps[index]:
+                grasp.before_step(closing)
+            arm.command_jaws(JAW_CLOSED if closing else JAW_OPEN)
+        return clipped
 
     def _after_sub_steps(self):
-        for grasp in self.grasps:
+        for arm in self.arms:
+            arm.sense()
+        for grasp in self._all_grasps():
             grasp.after_step()
 
     def _contact_force(self):
-        return self.arm.contact_force()
+        return sum(arm.contact_force for arm in self.arms)
 
     def _robot_state(self):
-        """The first seven numbers of every observation: pose of link 5 and the opening angle of the jaws."""
-        return np.concatenate([*self.arm.pose(), [self.arm.jaw_angle()]])
+        """Pose of link 5 and opening angle of the jaws of each arm, shape (7 * arms,)."""
+        return np.concatenate([part for arm in self.arms for part in (*arm.pose(), (arm.jaw_angle(),))])
+
+    def _robot_and_object(self, position, *waypoints):
+        """The usual observation: the arms, an object, where it is from link 5 of each arm, poses on the object."""
+        robot = self._robot_state()
+        relative = [position - robot[start : start + 3] for start in range(0, len(robot), 7)]
+        return np.concatenate([robot, position, *relative, *(part for waypoint in waypoints for part in waypoint)])
+
+    def _all_grasps(self):
+        return [grasp for grasps in self.grasps for grasp in grasps]
 
     def _get_task_state(self):
-        return super()._get_task_state() | {"grasps": [grasp.get_state() for grasp in self.grasps]}
+        return super()._get_task_state() | {
+            "arms": [arm.get_state() for arm in self.arms],
+            "grasps": [grasp.get_state() for grasp in self._all_grasps()],
+        }
 
     def _set_task_state(self, state):
         super()._set_task_state(state)
-        for grasp, grasp_state in zip(self.grasps, state["grasps"], strict=True):
+        for arm, arm_state in zip(self.arms, state["arms"], strict=True):
+            arm.set_state(arm_state)
+        for grasp, grasp_state in zip(self._all_grasps(), state["grasps"], strict=True):
             grasp.set_state(grasp_state)
+
+
+def _turned(mount, angle):
+    """The orientation of a tool whose controlled Euler angle is ``angle``."""
+    euler = list(mount.euler)
+    euler[mount.turns] = angle if mount.turns == YAW else np.clip(angle, -np.pi / 2, np.pi / 2)
+    return euler

@@ -1,4 +1,4 @@
-"""A PSM in the simulated world: poses in, joint motors out."""
+"""A PSM in the simulated world: poses in, motion of its gripper out."""
 
 import numpy as np
 import pybullet
@@ -6,10 +6,10 @@ import pybullet
 from surrol_gym.psm import kinematics
 from surrol_gym.units import to_metres, to_su
 
-END_EFFECTOR = 5
-"""Link whose pose is observed and commanded: the tool-yaw link, 0.051 su behind the jaw tips."""
+END_EFFECTOR = -1
+"""Index of link 5 in the simulated body: the tool-yaw link, whose pose is observed and commanded."""
 
-JAWS = (6, 7)
+JAWS = (0, 1)
 TIP_OFFSET = 0.051
 """Distance from link 5 to the jaw tips along the tool, su (facts, section 1.2)."""
 
@@ -17,51 +17,81 @@ JAW_CLOSED, JAW_OPEN = 0.0, np.deg2rad(40)
 DOWN = np.array([-np.pi / 2, 0.0, np.pi / 2])
 """Euler angles of a tool that points straight down with its jaws opening along the world's y axis."""
 
-# Joint motors of PyBullet's defaults: 0.9 of the error is left after a sub-step (facts, section 1.5).
-_POSITION_GAIN, _VELOCITY_GAIN = 0.1, 1.0
-_JOINT_FORCE, _JAW_FORCE = 1e5, 2.0
+TRACKING = 1 - 0.9**48
+"""Share of a commanded motion that the joint motors of the original cover in a control step (facts, section 1.5)."""
+
+# Jaw motors of PyBullet's defaults: 0.9 of the error is left after a sub-step (facts, section 1.5).
+_JAW_GAINS, _JAW_FORCES = {"positionGains": (0.1, 0.1), "velocityGains": (1.0, 1.0)}, (2.0, 2.0)
+_HOLDING_FORCE = 1e5
 
 
 class Arm:
     """One PSM.
 
+    Only its gripper is simulated: link 5 and the two jaws. The motors of the original are so strong that link 5 does
+    what the closed-form kinematics say; a stiff constraint that takes it there costs a third of eight simulated joints
+    and reaches the same poses. The rest of the arm is drawn, at the joints that the pose of link 5 needs.
+
     Args:
         world: The ``surrol_gym.bullet.World`` to load it into.
         base_position: Position of its base, metres, world frame.
         base_yaw: Rotation of its base about z, radians.
+        look: URDF that pictures show.
+
+    Attributes:
+        contact_force: Sum of the normal forces on the gripper when ``sense`` was called, kg su / s^2.
     """
 
-    def __init__(self, world, base_position, base_yaw):
+    def __init__(self, world, base_position, base_yaw, look="psm.urdf"):
         self._client = world.client
-        self.body = world.load("psm.urdf", to_su(base_position), base_yaw)
         c, s = np.cos(base_yaw), np.sin(base_yaw)
         self._rotation = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
         self._rcm = np.asarray(base_position) + self._rotation @ (0.0, 0.4864, 0.0)
+        self._joints = np.zeros(6)
+        self._touching, self.contact_force = set(), 0.0
+        self.body = world.load("psm_gripper.urdf", fixed=False, sleeps=False, look=None)
+        self._hold = self._client.createConstraint(
+            self.body, END_EFFECTOR, -1, -1, pybullet.JOINT_FIXED, (0, 0, 0), (0, 0, 0), (0, 0, 0)
+        )
+        world.draw(look, to_su(base_position), base_yaw, joints=self._drawn_joints)
 
-    def reset(self, position, euler):
-        """Puts link 5 at a pose at once, at rest, jaws closed, and lets the motors hold it there.
+    def reset(self, position, euler, jaw=JAW_CLOSED):
+        """Puts link 5 at a pose at once, at rest, and holds it there.
 
         Args:
             position: Position of link 5, shape (3,), su, world frame.
             euler: Its orientation, fixed-axis x-y-z, radians.
+            jaw: Opening angle between the jaws, radians.
 
         Raises:
             JointLimitError: The pose is out of reach.
         """
-        targets = self._solve(position, euler)
-        for joint, target in enumerate((*targets, JAW_CLOSED, JAW_CLOSED)):
-            self._client.resetJointState(self.body, joint, target)
-        self._command(targets)
-        self.command_jaws(JAW_CLOSED)
+        self._joints = self._solve(position, euler_to_matrix(euler))
+        orientation = pybullet.getQuaternionFromEuler(euler)
+        self._client.resetBasePositionAndOrientation(self.body, position, orientation)
+        self._client.resetBaseVelocity(self.body, (0, 0, 0), (0, 0, 0))
+        for joint, angle in zip(JAWS, (-jaw / 2, jaw / 2), strict=True):
+            self._client.resetJointState(self.body, joint, angle)
+        self._hold_at(position, orientation)
+        self.command_jaws(jaw)
 
     def move_to(self, position, euler):
-        """Sets the motors' targets to a pose of link 5; a joint that would pass its limit stops there.
+        """Moves link 5 towards a pose; a joint that would pass its limit stops there.
 
         Args:
             position: Position of link 5, shape (3,), su, world frame.
             euler: Its orientation, fixed-axis x-y-z, radians.
         """
-        self._command(self._solve(position, euler, near=self.joints(), on_limit="clip"))
+        orientation = pybullet.getQuaternionFromEuler(euler)
+        try:
+            self._joints = self._solve(position, quaternion_to_matrix(orientation), near=self._joints)
+        except kinematics.JointLimitError:
+            position, orientation = self._nearest_in_reach(position, euler)
+        start, start_orientation = self._client.getBasePositionAndOrientation(self.body)
+        self._hold_at(
+            start + TRACKING * np.subtract(position, start),
+            pybullet.getQuaternionSlerp(start_orientation, orientation, TRACKING),
+        )
 
     def command_jaws(self, angle):
         """Sets the target of the opening angle between the jaws, radians; the squeeze is limited to 2 N su."""
@@ -70,61 +100,91 @@ class Arm:
             JAWS,
             pybullet.POSITION_CONTROL,
             targetPositions=(-angle / 2, angle / 2),
-            positionGains=(_POSITION_GAIN,) * 2,
-            velocityGains=(_VELOCITY_GAIN,) * 2,
-            forces=(_JAW_FORCE,) * 2,
+            forces=_JAW_FORCES,
+            **_JAW_GAINS,
         )
 
     def pose(self):
         """Returns the position of link 5, shape (3,), su, and its Euler angles, shape (3,), world frame."""
-        state = self._client.getLinkState(self.body, END_EFFECTOR, computeForwardKinematics=1)
-        return np.array(state[4]), np.array(pybullet.getEulerFromQuaternion(state[5]))
+        position, orientation = self._client.getBasePositionAndOrientation(self.body)
+        return np.array(position), np.array(pybullet.getEulerFromQuaternion(orientation))
 
     def tip(self):
         """Returns the point between the jaw tips, shape (3,), su, world frame."""
-        state = self._client.getLinkState(self.body, END_EFFECTOR, computeForwardKinematics=1)
-        return np.array(pybullet.multiplyTransforms(state[4], state[5], (0, TIP_OFFSET, 0), (0, 0, 0, 1))[0])
+        pose = self._client.getBasePositionAndOrientation(self.body)
+        return np.array(pybullet.multiplyTransforms(*pose, (0, TIP_OFFSET, 0), (0, 0, 0, 1))[0])
 
     def joints(self):
         """Returns the joint positions, shape (6,), metres and radians."""
-        joints = np.array([state[0] for state in self._client.getJointStates(self.body, range(6))])
-        joints[2] = to_metres(joints[2])
-        return joints
+        position, orientation = self._client.getBasePositionAndOrientation(self.body)
+        return self._solve(position, quaternion_to_matrix(orientation), near=self._joints, on_limit="clip")
 
     def jaw_angle(self):
         """Returns the opening angle between the jaws, radians."""
         jaw1, jaw2 = self._client.getJointStates(self.body, JAWS)
         return jaw2[0] - jaw1[0]
 
+    def sense(self):
+        """Notes what the gripper touched in the last sub-step; call it before contacts are forgotten."""
+        points = self._client.getContactPoints(self.body)
+        self._touching = {(point[2], point[3]) for point in points}
+        self.contact_force = float(sum(point[9] for point in points))
+
     def touches(self, body):
-        """Returns for each jaw whether it touches a body."""
-        links = {point[3] for point in self._client.getContactPoints(self.body, body)}
-        return JAWS[0] in links, JAWS[1] in links
+        """Returns for each jaw whether it touched a body when ``sense`` was called."""
+        return (body, JAWS[0]) in self._touching, (body, JAWS[1]) in self._touching
 
-    def contact_force(self):
-        """Returns the sum of the normal forces on the arm in the last sub-step, kg su / s^2."""
-        return float(sum(point[9] for point in self._client.getContactPoints(self.body)))
+    def get_state(self):
+        """Returns what the pose of link 5 does not tell: the joints it was last sent to, with the turns of the roll."""
+        return tuple(self._joints.tolist())
 
-    def _solve(self, position, euler, **options):
-        """Joint positions in the simulation's units, su and radians, for a pose in the world."""
-        rotation = self._rotation.T @ euler_to_matrix(euler)
-        position = self._rotation.T @ (to_metres(position) - self._rcm)
-        joints = kinematics.inverse(position, rotation, **options)
-        joints[2] = to_su(joints[2])
-        return joints
+    def set_state(self, state):
+        """Restores ``get_state``; the world must be restored, too."""
+        self._joints = np.array(state)
 
-    def _command(self, targets):
-        self._client.setJointMotorControlArray(
-            self.body,
-            range(6),
-            pybullet.POSITION_CONTROL,
-            targetPositions=targets,
-            positionGains=(_POSITION_GAIN,) * 6,
-            velocityGains=(_VELOCITY_GAIN,) * 6,
-            forces=(_JOINT_FORCE,) * 6,
+    def _solve(self, position, rotation, **options):
+        """Joints of a pose in the world: position, su, and rotation matrix."""
+        return kinematics.inverse(
+            self._rotation.T @ (to_metres(position) - self._rcm), self._rotation.T @ rotation, **options
         )
+
+    def _nearest_in_reach(self, position, euler):
+        """Moves the joints as near to a pose as their limits allow; returns the pose that results."""
+        self._joints = self._solve(position, euler_to_matrix(euler), near=self._joints, on_limit="clip")
+        position, rotation = kinematics.forward(self._joints)
+        return to_su(self._rcm + self._rotation @ position), matrix_to_quaternion(self._rotation @ rotation)
+
+    def _hold_at(self, position, orientation):
+        self._client.changeConstraint(
+            self._hold, position, jointChildFrameOrientation=orientation, maxForce=_HOLDING_FORCE
+        )
+
+    def _drawn_joints(self):
+        """Positions of the joints of the drawn arm, su and radians."""
+        jaws = [state[0] for state in self._client.getJointStates(self.body, JAWS)]
+        return [*(self.joints() * (1, 1, to_su(1.0), 1, 1, 1)), *jaws]
 
 
 def euler_to_matrix(euler):
     """Converts fixed-axis x-y-z Euler angles, shape (3,), radians, to a rotation matrix, shape (3, 3)."""
-    return np.reshape(pybullet.getMatrixFromQuaternion(pybullet.getQuaternionFromEuler(euler)), (3, 3))
+    return quaternion_to_matrix(pybullet.getQuaternionFromEuler(euler))
+
+
+def quaternion_to_matrix(quaternion):
+    """Converts a quaternion (x, y, z, w) to a rotation matrix, shape (3, 3)."""
+    return np.reshape(pybullet.getMatrixFromQuaternion(quaternion), (3, 3))
+
+
+def matrix_to_quaternion(matrix):
+    """Converts a rotation matrix, shape (3, 3), to a quaternion (x, y, z, w)."""
+    # The eigenvector of Bar-Itzhack's symmetric matrix: no case distinction, and exact enough for a rare event.
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = matrix
+    symmetric = np.array(
+        [
+            [xx - yy - zz, yx + xy, zx + xz, zy - yz],
+            [yx + xy, yy - xx - zz, zy + yz, xz - zx],
+            [zx + xz, zy + yz, zz - xx - yy, yx - xy],
+            [zy - yz, xz - zx, yx - xy, xx + yy + zz],
+        ]
+    )
+    return np.linalg.eigh(symmetric)[1][:, -1]

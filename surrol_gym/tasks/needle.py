@@ -3,7 +3,7 @@
 import numpy as np
 import pybullet
 
-from surrol_gym.bullet import Camera
+from surrol_gym.stage import Camera
 
 TRAY_POSITION = (2.75, 0.0, 3.3868)
 DROP_HEIGHT = 3.436
@@ -49,6 +49,4 @@ class Needle:
 
     def middle(self):
         """Returns the middle of the arc, where it is grasped: position (3,), su, and Euler angles (3,), radians."""
-        pose = self._world.client.getBasePositionAndOrientation(self.body)
-        position, orientation = pybullet.multiplyTransforms(*pose, _MIDDLE, (0, 0, 0, 1))
-        return np.array(position), np.array(pybullet.getEulerFromQuaternion(orientation))
+        return self._world.frame(self.body, _MIDDLE)

@@ -3,8 +3,8 @@
 import numpy as np
 
 from surrol_gym.envs.grasping import Grasp
-from surrol_gym.envs.psm_env import ROBOT_STATE_NAMES, PSMEnv
-from surrol_gym.experts import Target
+from surrol_gym.envs.psm_env import Mount, PSMEnv, robot_state_names, rpy, xyz
+from surrol_gym.experts import CLOSE, Target, grasp
 from surrol_gym.psm.arm import TIP_OFFSET
 from surrol_gym.tasks.needle import CAMERAS, Needle
 
@@ -17,11 +17,6 @@ GRASP_HEIGHT = TIP_OFFSET - 0.0035
 HELD_JAW = (0.08, 0.45)
 """Opening angle of jaws that hold the needle, radians: closed on nothing they are at 0, open at 0.7."""
 
-OPEN, CLOSE = 0.5, -0.5
-HOVER = 0.025
-"""Height above the grasp at which the tool waits until it is aligned, su."""
-ALIGNED = 0.001
-"""Misalignment below which the jaws close, su."""
 LIFT_GAIN = 0.1
 """Share of the way to a distant goal that one step covers."""
 
@@ -92,13 +87,14 @@ class NeedlePickEnv(PSMEnv):
     task_description = "Pick up the needle and bring its middle to the goal."
     cameras = CAMERAS
     observation_names = (
-        *ROBOT_STATE_NAMES,
-        *("needle_x", "needle_y", "needle_z"),
-        *("needle_rel_x", "needle_rel_y", "needle_rel_z"),
-        *("middle_x", "middle_y", "middle_z", "middle_roll", "middle_pitch", "middle_yaw"),
+        *robot_state_names("psm1"),
+        *xyz("needle"),
+        *xyz("needle_rel"),
+        *xyz("middle"),
+        *rpy("middle"),
     )
-    goal_names = ("middle_x", "middle_y", "middle_z")
-    start_position = (2.5, 0.25, 3.601)
+    goal_names = xyz("middle")
+    mounts = (Mount(start_position=(2.5, 0.25, 3.601)),)
 
     def __init__(self, randomize=True, **kwargs):
         self._randomize = randomize
@@ -107,7 +103,7 @@ class NeedlePickEnv(PSMEnv):
     def _build_scene(self):
         super()._build_scene()
         self._needle = Needle(self.world)
-        self.grasps = [Grasp(self.world, self.arm, self._needle.body, self._is_lifted)]
+        self.grasps[0].append(Grasp(self.world, self.arms[0], self._needle.body, self._is_lifted))
 
     def _pose_scene(self):
         super()._pose_scene()
@@ -123,15 +119,10 @@ class NeedlePickEnv(PSMEnv):
         return self._needle.middle()[0][2] > self._rest_height + ATTACH_HEIGHT
 
     def _observe(self):
-        robot = self._robot_state()
-        centre = self._needle.centre()
-        return np.concatenate([robot, centre, centre - robot[:3], *self._needle.middle()])
+        return self._robot_and_object(self._needle.centre(), self._needle.middle())
 
     def _achieved_goal(self):
         return self._needle.middle()[0]
-
-    def is_success(self, achieved_goal, desired_goal):
-        return np.linalg.norm(np.subtract(achieved_goal, desired_goal), axis=-1) < 0.025
 
     def _get_task_state(self):
         return super()._get_task_state() | {"rest_height": self._rest_height}
@@ -144,8 +135,7 @@ class NeedlePickEnv(PSMEnv):
     def expert_target(observation):
         """Approach above the needle, descend, close, carry; each phase is recognised from the state.
 
-        The tool sinks towards the needle only as far as it is aligned, so a disturbed descent corrects itself on the
-        way, and jaws that closed on nothing open again.
+        Jaws that closed on nothing open again.
         """
         state = observation["observation"]
         position, yaw, jaw, middle, needle_yaw = state[:3], state[5], state[6], state[13:16], state[18]
@@ -157,8 +147,4 @@ class NeedlePickEnv(PSMEnv):
         # taken, not the nearer one: it is always within reach of the roll joint, and the choice flips where no episode
         # starts. Where it flips, learners would find no action between the two.
         turn = (needle_yaw + np.pi / 2) % np.pi - np.pi / 2 - yaw
-        misalignment = max(lateral, 0.05 * abs(turn))
-        if misalignment < ALIGNED and abs(to_grasp[2]) < ALIGNED:
-            return Target(to_grasp, turn, CLOSE)
-        clearance = np.clip(3 * (misalignment - ALIGNED), 0.0, HOVER)
-        return Target(to_grasp + (0.0, 0.0, clearance), turn, OPEN)
+        return grasp(to_grasp, turn)

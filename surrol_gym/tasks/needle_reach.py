@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from surrol_gym.envs.psm_env import ROBOT_STATE_NAMES, PSMEnv
+from surrol_gym.envs.psm_env import Mount, PSMEnv, robot_state_names, xyz
 from surrol_gym.experts import Target
 from surrol_gym.tasks.needle import CAMERAS, Needle
 
@@ -66,10 +66,9 @@ class NeedleReachEnv(PSMEnv):
     task = "NeedleReach"
     task_description = "Move the closed jaw tips to the point above the needle."
     cameras = CAMERAS
-    observation_names = ROBOT_STATE_NAMES
-    goal_names = ("tip_x", "tip_y", "tip_z")
-    start_position = (2.5, 0.25, 3.776)
-    yaw_step = 0.0
+    observation_names = robot_state_names("psm1")
+    goal_names = xyz("tip")
+    mounts = (Mount(start_position=(2.5, 0.25, 3.776), turn_step=0.0),)
     has_gripper = False
 
     def _build_scene(self):
@@ -87,10 +86,7 @@ class NeedleReachEnv(PSMEnv):
         return self._robot_state()
 
     def _achieved_goal(self):
-        return self.arm.tip()
-
-    def is_success(self, achieved_goal, desired_goal):
-        return np.linalg.norm(np.subtract(achieved_goal, desired_goal), axis=-1) < 0.025
+        return self.arms[0].tip()
 
     @staticmethod
     def expert_target(observation):
