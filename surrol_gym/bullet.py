@@ -15,6 +15,8 @@ ASSETS = Path(__file__).parent / "assets"
 TIME_STEP = 1 / 240
 """Duration of one sub-step, seconds (facts, section 1.6)."""
 
+_SLEEP, _WAKE_UP = pybullet.ACTIVATION_STATE_SLEEP, pybullet.ACTIVATION_STATE_WAKE_UP
+
 _REST_SPEED, _REST_SPIN = 2e-3, 2e-2
 """A body slower than this, su / s and radians / s, is taken to rest."""
 
@@ -89,7 +91,7 @@ class World:
             client.changeDynamics(body, -1, activationState=pybullet.ACTIVATION_STATE_ENABLE_SLEEPING)
         if fixed and not joints:
             # Between two bodies that sleep, PyBullet looks for no contacts.
-            client.changeDynamics(body, -1, activationState=pybullet.ACTIVATION_STATE_SLEEP)
+            client.changeDynamics(body, -1, activationState=_SLEEP)
         if look is not None:
             self.draw(
                 file_name if look is ... else look,
@@ -108,7 +110,7 @@ class World:
         """Moves a body's centre-of-mass frame to a pose, stops it and wakes it up."""
         self.client.resetBasePositionAndOrientation(body, position, orientation)
         self.client.resetBaseVelocity(body, (0, 0, 0), (0, 0, 0))
-        self.client.changeDynamics(body, -1, activationState=pybullet.ACTIVATION_STATE_WAKE_UP)
+        self.client.changeDynamics(body, -1, activationState=_WAKE_UP)
 
     def pose(self, body):
         """Returns position (3,), su, and quaternion (x, y, z, w) of a body's centre-of-mass frame, world frame."""
@@ -164,24 +166,26 @@ class World:
         body costs nothing until something that moves touches it.
         """
         client = self.client
-        self.restore_built()
-        for (body, _, sleeps), (pose, velocity, joints) in zip(self._moving, state, strict=True):
+        self.restore_built(asleep=[_rests(velocity, joints) for _, velocity, joints in state])
+        for (body, _, _), (pose, velocity, joints) in zip(self._moving, state, strict=True):
             client.resetBasePositionAndOrientation(body, *pose)
             client.resetBaseVelocity(body, *velocity)
             for joint, (position, speed) in enumerate(joints):
                 client.resetJointState(body, joint, position, speed)
-            if sleeps:
-                sleep = _rests(velocity, joints)
-                client.changeDynamics(
-                    body,
-                    -1,
-                    activationState=pybullet.ACTIVATION_STATE_SLEEP if sleep else pybullet.ACTIVATION_STATE_WAKE_UP,
-                )
 
-    def restore_built(self):
-        """Goes back to the moment of ``mark_built``."""
-        self.client.restoreState(self._as_built)
-        self.client.performCollisionDetection()  # finds that nothing touches, and so drops all pairs
+    def restore_built(self, asleep=None):
+        """Goes back to the moment of ``mark_built``.
+
+        Args:
+            asleep: For each body that moves whether it sleeps from now on; by default none does.
+        """
+        client = self.client
+        client.restoreState(self._as_built)
+        for index, (body, _, sleeps) in enumerate(self._moving):
+            if sleeps:
+                client.changeDynamics(body, -1, activationState=_SLEEP if asleep and asleep[index] else _WAKE_UP)
+        # In this sub-step nothing touches, so all pairs are dropped, and the colliders learn who sleeps.
+        client.stepSimulation()
 
 
 def connect(gui=False):

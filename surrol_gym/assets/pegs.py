@@ -41,9 +41,10 @@ def write_gauze(folder: Path) -> None:
 
 def write_block(folder: Path, name: str, colour: tuple) -> None:
     """Triangular prism with a hexagonal hole; the link origin is its centre (facts 4.0)."""
-    # Felt as six prisms, one behind each flat of the hole. With the margin, they are as wide as the block looks and
-    # 0.25 mm higher on both sides, as SurRoL's are.
-    inner, outer, tip, half = 0.004157 + MARGIN, 0.005 - MARGIN, 0.00971 - MARGIN, 0.0075 - MARGIN
+    # Felt as six prisms, one behind each flat of the hole. Their walls are 0.24 mm thicker than those seen, mostly at
+    # the cost of the hole: so they have the volume, inertia and height of SurRoL's hulls, and jaws as light as SurRoL's
+    # close on them to the same angle.
+    inner, outer, tip, half = 0.003957, 0.00504, 0.00975, 0.0075 - MARGIN
     slope = np.tan(np.radians(30))
     wall = [(inner, -inner * slope), (outer, -outer * slope), (outer, outer * slope), (inner, inner * slope)]
     corner = [*wall[:2], (tip, 0), *wall[2:]]
@@ -79,7 +80,7 @@ def write_ring_board(folder: Path) -> None:
     shapes = [visual(obj(folder, "ring_board", plates), SKIN)]
     for low, high in (floor, wall):
         shapes.append(collision(node("box", size=np.subtract(high, low)), tuple(np.add(low, high) / 2)))
-    peg = obj(folder, "ring_board_peg", _ribbed_rod(0.002792, 0.02186))
+    peg = obj(folder, "ring_board_peg", _rod(0.002792, 0.02186, 0.001))
     radius, half = 0.002592 + MARGIN, 0.01162 + MARGIN
     for y in (-0.037, 0.037):
         shapes.append(visual(peg, BLACK, (0, y, 0.0148)))
@@ -109,8 +110,8 @@ def write_ring(folder: Path, name: str, colour: tuple) -> None:
 def _hulls(folder: Path, name: str, pieces: list[meshes.Mesh]) -> ET.Element:
     """Writes convex pieces into one OBJ, and returns the geometry in which PyBullet makes a hull of each.
 
-    Pieces placed by the URDF instead would be boxed, turned and boxed again: PyBullet takes the inertia from such boxes,
-    and tests more pairs for contact.
+    Pieces placed by the URDF instead would be boxed, turned and boxed again: PyBullet takes the inertia from such
+    boxes, and tests more pairs for contact.
     """
     lines, offset = ["# Written by surrol_gym.assets.generate; do not edit."], 1
     for number, (points, faces) in enumerate(pieces):
@@ -145,17 +146,6 @@ def _rod(radius: float, length: float, round_off: float) -> meshes.Mesh:
     turn = np.radians([0, 30, 60, 85])
     tip = [(radius - round_off * (1 - np.cos(t)), length / 2 - round_off * (1 - np.sin(t))) for t in turn]
     return meshes.lathe([(radius, -length / 2), *tip], 14)
-
-
-def _ribbed_rod(radius: float, length: float) -> meshes.Mesh:
-    """An upright rod about the origin, with ribs around it and a rounded upper end."""
-    ribs, depth, round_off = 11, 0.00035, 0.001
-    pitch = (length - round_off) / ribs
-    profile = []
-    for low in -length / 2 + pitch * np.arange(ribs):
-        profile += [(radius, low + 0.1 * pitch), (radius, low + 0.65 * pitch), (radius - depth, low + 0.85 * pitch)]
-    tip = [(radius - round_off * (1 - np.cos(t)), length / 2 - round_off * (1 - np.sin(t))) for t in (0, 0.5, 1, 1.4)]
-    return meshes.lathe(profile + tip, 14)
 
 
 def _board_mesh() -> meshes.Mesh:
@@ -198,8 +188,8 @@ def _three_times(points: np.ndarray) -> np.ndarray:
 
 
 def _gauze_mesh(bottom: float) -> meshes.Mesh:
-    """Gauze folded into four layers, lying on the height `bottom`: 15.2 x 25.5 x 2.45 mm."""
-    columns, rows = 25, 41
+    """Gauze folded into layers, lying on the height `bottom`: 15.2 x 25.5 x 2.45 mm."""
+    columns, rows = 19, 31
     u, v = np.meshgrid(np.linspace(-1, 1, columns), np.linspace(-1, 1, rows), indexing="ij")
     # Vertices crowd towards the rim, where the cloth turns down.
     u, v = np.sin(u * QUARTER * 0.9) / np.sin(QUARTER * 0.9), np.sin(v * QUARTER * 0.9) / np.sin(QUARTER * 0.9)
@@ -216,15 +206,8 @@ def _gauze_mesh(bottom: float) -> meshes.Mesh:
     a, b, c, d = index[:-1, :-1].ravel(), index[1:, :-1].ravel(), index[1:, 1:].ravel(), index[:-1, 1:].ravel()
     rim = top[np.r_[index[:-1, 0], index[-1, :-1], index[:0:-1, -1], index[0, :0:-1]]]
     # The side bulges once a layer.
-    sides = [rim * (wide, wide, 0) + (0, 0, low) for low, wide in _layers(4, 0.0014)]
-    skirt = meshes.loft([*sides, rim])
-    sheet = meshes.place(meshes.merge((top, np.concatenate([np.c_[a, b, c], np.c_[a, c, d]])), skirt), (0, 0, bottom))
-    return sheet
-
-
-def _layers(count: int, height: float) -> list[tuple[float, float]]:
-    """Heights and relative widths down the side of a stack of cloth."""
-    points = []
-    for layer in range(count):
-        points += [((layer + at) * height / count, wide) for at, wide in [(0.1, 0.985), (0.35, 1.03), (0.7, 1.03)]]
-    return points
+    heights = 0.0007 * np.array([0, 0.5, 1, 1, 1.5, 2])
+    sides = [rim * (wide, wide, 0) + (0, 0, z) for z, wide in zip(heights, [0.98, 1, 0.98] * 2, strict=True)]
+    points, faces = meshes.merge((top, np.concatenate([np.c_[a, b, c], np.c_[a, c, d]])), meshes.loft([*sides, rim]))
+    low, high = points.min(axis=0), points.max(axis=0)
+    return (points - (low + high) / 2) * (0.0152, 0.0255, 0.00245) / (high - low) + (0, 0, bottom + 0.001225), faces

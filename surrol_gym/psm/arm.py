@@ -22,7 +22,8 @@ TRACKING = 1 - 0.9**48
 
 # Jaw motors of PyBullet's defaults: 0.9 of the error is left after a sub-step (facts, section 1.5).
 _JAW_GAINS, _JAW_FORCES = {"positionGains": (0.1, 0.1), "velocityGains": (1.0, 1.0)}, (2.0, 2.0)
-_HOLDING_FORCE = 1e5
+_HOLDING_FORCE = 500.0
+"""Of the constraint on link 5, kg su / s^2: free motion needs less, and an arm pressed onto something yields to it."""
 
 
 class Arm:

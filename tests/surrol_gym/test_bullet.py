@@ -2,10 +2,7 @@ import numpy as np
 import pybullet
 import pytest
 
-from surrol_gym.bullet import Camera, World
-
-CAMERA = Camera(eye=(2.0, 0.0, 1.0), target=(0.0, 0.0, 1.0))
-RED, BLUE = (1.0, 0.0, 0.0, 1.0), (0.0, 0.0, 1.0, 1.0)
+from surrol_gym.bullet import World
 
 
 @pytest.fixture
@@ -69,14 +66,20 @@ def test_placing_a_body_stops_it(falling):
     np.testing.assert_array_equal(orientation, (0, 0, 0, 1))
 
 
-def test_a_marker_is_only_seen(falling):
+def test_what_is_only_drawn_is_no_body(falling):
+    world, _ = falling
+    before = world.client.getNumBodies()
+    world.draw("goal.urdf")
+    assert world.client.getNumBodies() == before
+    assert [prop.file_name for prop in world.props] == ["floor.urdf", "needle.urdf", "goal.urdf"]
+
+
+def test_a_frame_of_a_body_moves_and_turns_with_it(falling):
     world, needle = falling
-    marker = world.marker(radius=0.2, color=RED)
-    world.place(marker, world.pose(needle)[0])
-    world.step(1)
-    assert not world.client.getContactPoints(needle, marker)
-    assert world.client.getDynamicsInfo(marker, -1)[0] == 0
-    assert world.pose(marker)[0][2] == pytest.approx(0.02)
+    world.place(needle, (1.0, 2.0, 3.0), pybullet.getQuaternionFromEuler((0, 0, np.pi / 2)))
+    position, euler = world.frame(needle, (0.1, 0.0, 0.2), pybullet.getQuaternionFromEuler((0, 0, 0.3)))
+    np.testing.assert_allclose(position, (1.0, 2.1, 3.2), atol=1e-9)
+    np.testing.assert_allclose(euler, (0, 0, np.pi / 2 + 0.3), atol=1e-9)
 
 
 def trajectory(world, needle, count):
@@ -140,47 +143,44 @@ def test_a_missing_description_is_an_error_that_names_it(world, capfd):
         world.load("no_such_thing.urdf")
 
 
-# ------------------------------------------------------------------------------------------------------------- pictures
+# -------------------------------------------------------------------------------------------------------------- sleep
 
 
-def red_pixels(picture):
-    rows, columns = np.nonzero((picture[..., 0] > 100) & (picture[..., 1] < 60) & (picture[..., 2] < 60))
-    return rows, columns
+def motion(world, needle):
+    """Distance that the needle moves in a control step that starts from its present state."""
+    world.set_state(world.get_state())
+    before = world.pose(needle)[0]
+    world.step(48)
+    return np.linalg.norm(world.pose(needle)[0] - before)
 
 
-@pytest.mark.parametrize(("width", "height"), [(64, 64), (80, 40), (30, 90)])
-def test_a_picture_has_the_asked_size_and_the_target_in_its_middle(world, width, height):
-    marker = world.marker(radius=0.1, color=RED)
-    world.place(marker, CAMERA.target)
-    picture = world.render(CAMERA, width, height)
-    assert (picture.shape, picture.dtype) == ((height, width, 3), np.uint8)
-    rows, columns = red_pixels(picture)
-    assert rows.mean() == pytest.approx((height - 1) / 2, abs=1.5)
-    assert columns.mean() == pytest.approx((width - 1) / 2, abs=1.5)
+def test_a_body_at_rest_sleeps_and_stays_exactly_where_it_is(falling):
+    world, needle = falling
+    world.step(480)
+    motion(world, needle)
+    assert motion(world, needle) == 0
+    assert world.client.getBaseVelocity(needle) == ((0, 0, 0), (0, 0, 0))
 
 
-def test_up_is_up_and_plus_y_is_to_the_right_of_a_camera_that_looks_along_minus_x(world):
-    """Section 4 of the facts."""
-    marker = world.marker(radius=0.1, color=RED)
-    world.place(marker, (0.0, 0.4, 1.3))
-    rows, columns = red_pixels(world.render(CAMERA, 64, 64))
-    assert rows.mean() < 28
-    assert columns.mean() > 36
+def test_a_body_that_moves_is_awake(falling):
+    world, needle = falling
+    world.step(2)
+    assert motion(world, needle) > 0
 
 
-def test_the_field_of_view_is_the_vertical_angle(world):
-    marker = world.marker(radius=0.05, color=RED)
-    world.place(marker, (0.0, 0.0, 1.0 + 2 * np.tan(np.deg2rad(15))))  # 15 degrees above the middle
-    camera = Camera(CAMERA.eye, CAMERA.target, field_of_view=60.0)
-    rows, _ = red_pixels(world.render(camera, 200, 100))
-    expected = 50 * (1 - np.tan(np.deg2rad(15)) / np.tan(np.deg2rad(30)))
-    assert rows.mean() == pytest.approx(expected, abs=2)
+def test_a_placed_body_is_awake(falling):
+    world, needle = falling
+    world.step(480)
+    motion(world, needle)
+    world.place(needle, (0.0, 0.0, 0.3))
+    world.step(24)
+    assert world.pose(needle)[0][2] < 0.3
 
 
-def test_what_is_near_hides_what_is_behind(world):
-    behind, near = world.marker(0.1, RED), world.marker(0.1, BLUE)
-    world.place(behind, (0.0, 0.0, 1.0))
-    world.place(near, (0.5, 0.0, 1.0))
-    assert len(red_pixels(world.render(CAMERA, 64, 64))[0]) == 0
-    world.place(near, (0.5, 1.0, 1.0))
-    assert len(red_pixels(world.render(CAMERA, 64, 64))[0]) > 0
+def test_a_sleeping_body_wakes_up_when_something_that_moves_touches_it(falling):
+    world, needle = falling
+    world.step(480)
+    rest = world.pose(needle)[0]
+    world.load("gauze.urdf", world.frame(needle, (-0.0365, 0, 0.05))[0], fixed=False)
+    world.step(96)
+    assert np.linalg.norm(world.pose(needle)[0] - rest) > 1e-4
