@@ -181,6 +181,8 @@ def test_a_sleeping_body_wakes_up_when_something_that_moves_touches_it(falling):
     world, needle = falling
     world.step(480)
     rest = world.pose(needle)[0]
-    world.load("gauze.urdf", world.frame(needle, (-0.0365, 0, 0.05))[0], fixed=False)
+    axis = rest - world.frame(needle, (-0.0365, 0, 0))[0]  # from the middle of the arc inwards
+    gauze = world.load("gauze.urdf", rest - 3 * axis + (0, 0, 0.01), fixed=False)
+    world.client.resetBaseVelocity(gauze, 40 * axis)
     world.step(96)
     assert np.linalg.norm(world.pose(needle)[0] - rest) > 1e-4
