@@ -188,6 +188,16 @@ class World:
         client.stepSimulation()
 
 
+class _Client(BulletClient):
+    """A client that looks up each of PyBullet's functions only once."""
+
+    def __getattr__(self, name):
+        function = super().__getattr__(name)
+        if name != "disconnect":
+            setattr(self, name, function)
+        return function
+
+
 def connect(gui=False):
     """Returns a new PyBullet client.
 
@@ -195,7 +205,7 @@ def connect(gui=False):
         RuntimeError: The window cannot be opened (usually: no display).
     """
     try:
-        return BulletClient(pybullet.GUI if gui else pybullet.DIRECT)
+        return _Client(pybullet.GUI if gui else pybullet.DIRECT)
     except pybullet.error as error:
         raise RuntimeError(
             "PyBullet could not open a window; on a machine without a display use render_mode='rgb_array'."

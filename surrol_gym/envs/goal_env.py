@@ -312,7 +312,7 @@ class GoalEnv(gym.Env):
             raise ValueError(f"{self.task} takes actions of shape {self.action_space.shape}, got {action.shape}.")
         if not np.isfinite(action).all():
             raise ValueError(f"The action holds a number that is not finite: {action.tolist()}.")
-        return np.clip(action, -1.0, 1.0)
+        return np.minimum(np.maximum(action, -1.0), 1.0)  # faster than np.clip
 
     def _check_picture(self, camera, width, height):
         if camera not in self.cameras:

@@ -90,7 +90,7 @@ class Arm:
             position, orientation = self._nearest_in_reach(position, euler)
         start, start_orientation = self._client.getBasePositionAndOrientation(self.body)
         self._hold_at(
-            start + TRACKING * np.subtract(position, start),
+            [a + TRACKING * (b - a) for a, b in zip(start, position, strict=True)],
             pybullet.getQuaternionSlerp(start_orientation, orientation, TRACKING),
         )
 

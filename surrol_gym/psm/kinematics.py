@@ -5,6 +5,8 @@ metres. Joints are ``(yaw, pitch, insertion, roll, wrist pitch, wrist yaw)``; in
 radians. The remote centre of motion (RCM) is the point where the shaft enters the patient.
 """
 
+from math import asin, atan2, cos, pi, sin, sqrt
+
 import numpy as np
 
 JOINT_NAMES = ("yaw", "pitch", "insertion", "roll", "wrist_pitch", "wrist_yaw")
@@ -13,6 +15,8 @@ JOINT_LIMITS = np.array(
     [[-1.5883, 1.5883], [-0.9251, 0.9251], [0.0, 0.24], [-4.5379, 4.5379], [-1.3963, 1.3963], [-1.3963, 1.3963]]
 )
 """Lower and upper joint limits, shape (6, 2)."""
+
+_LIMITS = JOINT_LIMITS.tolist()
 
 WRIST_OFFSET = 0.0091
 """Distance from the wrist-pitch axis to the wrist-yaw axis, metres."""
@@ -66,33 +70,49 @@ def inverse(position, rotation, near=None, on_limit="raise"):
     """
     if on_limit not in ("raise", "clip"):
         raise ValueError(f"on_limit must be 'raise' or 'clip', got {on_limit!r}.")
-    p6 = np.asarray(position, dtype=np.float64)
-    x6, _, z6 = np.moveaxis(np.asarray(rotation, dtype=np.float64), -1, 0)
-    z5 = _cross(p6, z6)
-    z5 = z5 / np.sqrt(_dot(z5, z5))[..., None]
-    x5 = _cross(z6, z5)
-    p5 = p6 - WRIST_OFFSET * x5
-    length = np.sqrt(_dot(p5, p5))
-    q1 = np.arctan2(p5[..., 0], -p5[..., 2])
-    q2 = -np.arcsin(p5[..., 1] / length)
-    x3, y3, z3 = _shaft_frame(q1[..., None], q2[..., None])
-    q4 = np.arctan2(-_dot(x3, z5), _dot(y3, z5))
-    x4 = x3 * np.cos(q4)[..., None] + y3 * np.sin(q4)[..., None]
-    q5 = np.arctan2(_dot(x5, x4), _dot(x5, z3))
-    q6 = np.arctan2(_dot(x6, x5), _dot(x6, z5))
-    joints = np.stack([q1, q2, length + INSERTION_OFFSET, q4, q5, q6], axis=-1)
-    if near is not None:
-        turns = np.round((np.asarray(near)[..., _ROLL] - q4) / (2 * np.pi))
-        joints[..., _ROLL] += 2 * np.pi * turns
-    clipped = np.clip(joints, JOINT_LIMITS[:, 0], JOINT_LIMITS[:, 1])
-    if on_limit == "raise" and not np.array_equal(clipped, joints):
-        worst = np.unravel_index(np.argmax(~(clipped == joints)), joints.shape)
-        low, high = JOINT_LIMITS[worst[-1]]
-        raise JointLimitError(
-            f"The pose needs {JOINT_NAMES[worst[-1]]} = {joints[worst]:.4f}, beyond its limits [{low}, {high}]; "
-            "choose a pose within reach or pass on_limit='clip'."
+    position, rotation = np.asarray(position, dtype=np.float64), np.asarray(rotation, dtype=np.float64)
+    leading = position.shape[:-1]
+    if not leading:
+        return np.array(_inverse_of_one(position, rotation, near, on_limit))
+    joints = np.empty((*leading, len(JOINT_NAMES)))
+    near = None if near is None else np.broadcast_to(near, joints.shape)
+    for index in np.ndindex(leading):
+        joints[index] = _inverse_of_one(
+            position[index], rotation[index], None if near is None else near[index], on_limit
         )
-    return clipped
+    return joints
+
+
+def _inverse_of_one(position, rotation, near, on_limit):
+    """``inverse`` of a single pose; plain floats, because every control step waits for it."""
+    px, py, pz = position.tolist()
+    (x6x, _, z6x), (x6y, _, z6y), (x6z, _, z6z) = rotation.tolist()
+    z5x, z5y, z5z = py * z6z - pz * z6y, pz * z6x - px * z6z, px * z6y - py * z6x
+    norm = sqrt(z5x * z5x + z5y * z5y + z5z * z5z)
+    z5x, z5y, z5z = z5x / norm, z5y / norm, z5z / norm
+    x5x, x5y, x5z = z6y * z5z - z6z * z5y, z6z * z5x - z6x * z5z, z6x * z5y - z6y * z5x
+    px, py, pz = px - WRIST_OFFSET * x5x, py - WRIST_OFFSET * x5y, pz - WRIST_OFFSET * x5z
+    length = sqrt(px * px + py * py + pz * pz)
+    q1, q2 = atan2(px, -pz), -asin(py / length)
+    c1, s1, c2, s2 = cos(q1), sin(q1), cos(q2), sin(q2)
+    x3x, x3y, x3z = -s1 * s2, -c2, c1 * s2
+    q4 = atan2(s1 * s2 * z5x + c2 * z5y - c1 * s2 * z5z, -c1 * z5x - s1 * z5z)
+    c4, s4 = cos(q4), sin(q4)
+    x4x, x4y, x4z = x3x * c4 - c1 * s4, x3y * c4, x3z * c4 - s1 * s4
+    q5 = atan2(x5x * x4x + x5y * x4y + x5z * x4z, x5x * s1 * c2 - x5y * s2 - x5z * c1 * c2)
+    q6 = atan2(x6x * x5x + x6y * x5y + x6z * x5z, x6x * z5x + x6y * z5y + x6z * z5z)
+    if near is not None:
+        q4 += 2 * pi * round((near[_ROLL] - q4) / (2 * pi))
+    joints = (q1, q2, length + INSERTION_OFFSET, q4, q5, q6)
+    if on_limit == "clip":
+        return tuple(min(max(joint, low), high) for joint, (low, high) in zip(joints, _LIMITS, strict=True))
+    for name, joint, (low, high) in zip(JOINT_NAMES, joints, _LIMITS, strict=True):
+        if not low <= joint <= high:
+            raise JointLimitError(
+                f"The pose needs {name} = {joint:.4f}, beyond its limits [{low}, {high}]; "
+                "choose a pose within reach or pass on_limit='clip'."
+            )
+    return joints
 
 
 def _shaft_frame(q1, q2):
@@ -103,12 +123,3 @@ def _shaft_frame(q1, q2):
         np.concatenate([-c1, 0 * c1, -s1], axis=-1),
         np.concatenate([s1 * c2, -s2, -c1 * c2], axis=-1),
     )
-
-
-def _dot(a, b):
-    return (a * b).sum(-1)
-
-
-def _cross(a, b):
-    # np.cross costs three times as much on single vectors, and one runs in every control step.
-    return a[..., [1, 2, 0]] * b[..., [2, 0, 1]] - a[..., [2, 0, 1]] * b[..., [1, 2, 0]]
