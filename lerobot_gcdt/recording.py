@@ -21,6 +21,7 @@ from tqdm import tqdm
 import surrol_gym
 from lerobot_gcdt.surrol_env import ENVIRONMENT_STATE
 from lerobot_gcdt.trajectories import ACHIEVED_GOAL, ACTION, GOAL, STATE, TIME_TO_GOAL
+from surrol_gym.envs.psm_env import Mount
 
 RECORDING_FILE = "meta/surrol.json"
 """Beside LeRobot's metadata: what it takes to replay any episode, and how the expert did."""
@@ -109,9 +110,10 @@ def run_episode(env: gym.Env, seed: int, disturb: float = 0.0) -> dict[str, np.n
     """Runs the expert for one episode, to the time limit.
 
     Demonstrations that never err do not show how to correct, and a policy cloned from them soon stops correcting.
-    Disturbed ones do: now and then the arm is pushed sideways, upwards or turned for a step, more often where the
-    expert moves slowly because precision matters. Never is it pushed down, where the object is, and the jaws obey. The
-    recorded action is always the expert's own, so a disturbed episode is replayed by this function, not by its actions.
+    Disturbed ones do: now and then an arm is pushed sideways, backwards or turned for a step, more often where the
+    expert moves slowly because precision matters. Never is it pushed ahead, where the jaws point, and the jaws obey.
+    The recorded action is always the expert's own, so a disturbed episode is replayed by this function, not by its
+    actions.
 
     Args:
         env: The environment.
@@ -128,18 +130,22 @@ def run_episode(env: gym.Env, seed: int, disturb: float = 0.0) -> dict[str, np.n
     frames, truncated = [], False
     while not truncated:
         action = expert.act(observation)
-        following, reward, _, truncated, info = env.step(action + disturb * _push(rng, action))
+        following, reward, _, truncated, info = env.step(action + disturb * _push(rng, action, env.unwrapped.mounts))
         frames.append(observation | {"action": action, "reward": np.float32(reward), "success": info["is_success"]})
         observation = following
     return {key: np.stack([frame[key] for frame in frames]) for key in frames[0]}
 
 
-def _push(rng: np.random.Generator, action: np.ndarray) -> np.ndarray:
-    """Draws a push in the direction of an action's first four numbers; most of the time it is zero."""
-    slow = np.abs(action[:4]).max() < SLOW_ACTION
+def _push(rng: np.random.Generator, action: np.ndarray, mounts: tuple[Mount, ...]) -> np.ndarray:
+    """Draws pushes in the direction of each arm's first four numbers; most of the time they are zero."""
     push = np.zeros_like(action)
-    if rng.random() < (PUSH_RATE_SLOW if slow else PUSH_RATE):
-        push[:4] = rng.uniform((-1, -1, 0, -1), 1)
+    for arm, mount in enumerate(mounts):
+        numbers = slice(5 * arm, 5 * arm + 4)
+        slow = np.abs(action[numbers]).max() < SLOW_ACTION
+        if rng.random() < (PUSH_RATE_SLOW if slow else PUSH_RATE):
+            push[numbers] = rng.uniform(-1, 1, 4)
+            motion, ahead = push[numbers][:3], mount.tool_direction()
+            motion -= 2 * max(motion @ ahead, 0) * ahead
     return push
 
 

@@ -112,6 +112,11 @@ class World:
         self.client.resetBaseVelocity(body, (0, 0, 0), (0, 0, 0))
         self.client.changeDynamics(body, -1, activationState=_WAKE_UP)
 
+    def park(self, body):
+        """Leaves a body out of an episode: asleep where ``restore_built`` put it, far from everything."""
+        self.client.resetBaseVelocity(body, (0, 0, 0), (0, 0, 0))
+        self.client.changeDynamics(body, -1, activationState=_SLEEP)
+
     def pose(self, body):
         """Returns position (3,), su, and quaternion (x, y, z, w) of a body's centre-of-mass frame, world frame."""
         position, orientation = self.client.getBasePositionAndOrientation(body)
@@ -184,8 +189,8 @@ class World:
         for index, (body, _, sleeps) in enumerate(self._moving):
             if sleeps:
                 client.changeDynamics(body, -1, activationState=_SLEEP if asleep and asleep[index] else _WAKE_UP)
-        # In this sub-step nothing touches, so all pairs are dropped, and the colliders learn who sleeps.
-        client.stepSimulation()
+        # Nothing touches here, so all pairs are dropped; PyBullet takes two sub-steps to put a body to sleep.
+        self.step(2)
 
 
 class _Client(BulletClient):

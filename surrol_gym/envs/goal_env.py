@@ -262,9 +262,9 @@ class GoalEnv(gym.Env):
         self._check_open()
         if state.task_name != self.task:
             raise ValueError(f"This is a {self.task} environment; it cannot go to a state of {state.task_name}.")
+        self._set_task_state(state.task)  # first, because a body that is held does not fall asleep
         self._world_state = state.world
         self.world.set_state(state.world)
-        self._set_task_state(state.task)
         self.np_random.bit_generator.state = state.rng
         return self._get_observation()
 

@@ -79,7 +79,7 @@ class Grasp:
         return self._active, self._touched, (info[6], info[8])
 
     def set_state(self, state):
-        """Restores the grasp; the poses of arm and object must have been restored before."""
+        """Restores the grasp."""
         self.release()
         self._active, self._touched, frame = state
         if frame is not None:

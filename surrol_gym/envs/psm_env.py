@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from surrol_gym.envs.goal_env import GoalEnv
-from surrol_gym.psm.arm import DOWN, JAW_CLOSED, JAW_OPEN, Arm
+from surrol_gym.psm.arm import DOWN, JAW_CLOSED, JAW_OPEN, Arm, euler_to_matrix
 from surrol_gym.units import to_su
 
 STEP_SIZE = 0.05
@@ -47,6 +47,10 @@ class Mount:
     def limits(self):
         """Returns the lowest and the highest position of link 5, each of shape (3,), su."""
         return (to_su(np.array(self.workspace) + [[0.0], [0.0], [_TIP_OFFSET]]) + _PADDING).T
+
+    def tool_direction(self):
+        """Returns where the jaws point, a unit vector, world frame; turning the tool does not change it."""
+        return euler_to_matrix(self.euler)[:, 1]
 
 
 def psm2(**kwargs):

@@ -472,6 +472,7 @@ def test_an_unknown_version_is_an_error_that_names_it():
         ("camera", "ceiling"),
         ("camera", None),
         ("render_mode", "ascii"),
+        ("obs_type", "pixels"),
         ("width", 0),
         ("height", -3),
         ("width", 2.5),
@@ -488,7 +489,12 @@ def test_an_unknown_picture_argument_is_an_error_that_names_the_value(make, task
 
 def test_an_unknown_camera_or_size_of_a_picture_is_an_error_and_the_next_picture_works(env):
     env.reset(seed=0)
-    for arguments, named in (({"camera": "ceiling"}, "ceiling"), ({"width": 0}, "0"), ({"height": 2.5}, "2.5")):
+    for arguments, named in (
+        ({"camera": "ceiling"}, "ceiling"),
+        ({"width": 0}, "0"),
+        ({"height": 2.5}, "2.5"),
+        ({"kind": "x-ray"}, "x-ray"),
+    ):
         with pytest.raises(ValueError, match=named):
             env.unwrapped.picture(**arguments)
     assert env.unwrapped.picture(width=16, height=8).shape == (8, 16, 3)
@@ -529,6 +535,53 @@ def test_without_a_render_mode_render_is_none_and_picture_still_works(env):
     assert env.unwrapped.render() is None
     picture = env.unwrapped.picture()
     assert (picture.shape, picture.dtype) == ((256, 256, 3), np.uint8)
+
+
+@pytest.mark.parametrize(
+    ("mode", "kind", "dtype"), [("depth_array", "depth", np.float32), ("segmentation", "segmentation", np.int32)]
+)
+@all_tasks
+def test_depth_and_segmentation_are_render_modes(make, task, mode, kind, dtype):
+    env = make(task, render_mode=mode, width=40, height=30)
+    env.reset(seed=0)
+    picture = env.render()
+    assert (picture.shape, picture.dtype) == ((30, 40), dtype)
+    np.testing.assert_array_equal(env.unwrapped.picture("closeup", 40, 30, kind), picture)
+
+
+def test_the_segmentation_tells_arms_table_and_goal_apart(env):
+    env.reset(seed=0)
+    names = env.unwrapped.segment_names
+    seen = {
+        names[index]
+        for camera in env.unwrapped.cameras
+        for index in np.unique(env.unwrapped.picture(camera, 200, 150, "segmentation"))
+        if index >= 0
+    }
+    arms = {mount.look.removesuffix(".urdf") for mount in env.unwrapped.mounts}
+    assert arms | {"table", "goal"} <= seen
+
+
+@all_tasks
+def test_observations_may_hold_pixels(make, task):
+    env = make(task, obs_type="pixels_state", width=32, height=24)
+    plain = make(task)
+    observation, _ = env.reset(seed=0)
+    expected, _ = plain.reset(seed=0)
+    assert observation.keys() == expected.keys() | {"pixels"}
+    action = random_actions(env, 1)[0]
+    for _ in range(2):
+        assert observation in env.observation_space
+        assert snapshot({key: observation[key] for key in expected}) == snapshot(expected)
+        np.testing.assert_array_equal(observation["pixels"], env.unwrapped.picture("closeup", 32, 24))
+        observation, *_ = env.step(action)
+        expected, *_ = plain.step(action)
+
+
+@pytest.mark.filterwarnings("error")
+@all_tasks
+def test_gymnasiums_checker_has_no_complaint_about_pixels(make, task):
+    assert check_env(make(task, obs_type="pixels_state", width=32, height=24).unwrapped) is None
 
 
 def test_pictures_show_more_than_one_colour(env):
