@@ -15,7 +15,13 @@ ASSETS = Path(__file__).parent / "assets"
 TIME_STEP = 1 / 240
 """Duration of one sub-step, seconds (facts, section 1.6)."""
 
+_CORRECTION = 0.1
+"""Share of its error that a constraint corrects in a sub-step, as SurRoL's joint motors do (facts, section 1.5)."""
+
 _SLEEP, _WAKE_UP = pybullet.ACTIVATION_STATE_SLEEP, pybullet.ACTIVATION_STATE_WAKE_UP
+
+_COLLIDES = 1, -1
+"""Collision filters of what moves: group and mask of PyBullet's default."""
 
 _REST_SPEED, _REST_SPIN = 2e-3, 2e-2
 """A body slower than this, su / s and radians / s, is taken to rest."""
@@ -51,17 +57,17 @@ class World:
     def __init__(self):
         self.client = connect()
         self.props = []
-        self._moving, self._sleepers = [], []
+        self._moving, self._fixed = [], set()
         self.client.setGravity(0, 0, -9.81)
         self.client.setPhysicsEngineParameter(
-            fixedTimeStep=TIME_STEP, numSolverIterations=50, deterministicOverlappingPairs=1
+            fixedTimeStep=TIME_STEP, numSolverIterations=50, deterministicOverlappingPairs=1, erp=_CORRECTION
         )
 
     def close(self):
         """Disconnects the client; closing twice is harmless."""
         disconnect(self.client)
 
-    def load(self, file_name, position=(0, 0, 0), yaw=0.0, fixed=True, sleeps=True, look=...):
+    def load(self, file_name, position=(0, 0, 0), yaw=0.0, fixed=True, sleeps=True, drawn=True):
         """Loads a URDF of ``surrol_gym/assets`` (written in metres) at five times its size.
 
         Args:
@@ -70,7 +76,7 @@ class World:
             yaw: Rotation of the base link about z, radians.
             fixed: Whether the base is immovable.
             sleeps: Whether the simulation may skip the body while it rests and nothing that moves touches it.
-            look: URDF that pictures show instead, or None for nothing.
+            drawn: Whether pictures show it.
 
         Returns:
             The body's id.
@@ -87,14 +93,16 @@ class World:
         joints = range(client.getNumJoints(body))
         if not fixed or joints:
             self._moving.append((body, joints, sleeps))
+        if fixed:
+            self._fixed.add(body)
         if sleeps:
             client.changeDynamics(body, -1, activationState=pybullet.ACTIVATION_STATE_ENABLE_SLEEPING)
         if fixed and not joints:
             # Between two bodies that sleep, PyBullet looks for no contacts.
             client.changeDynamics(body, -1, activationState=_SLEEP)
-        if look is not None:
+        if drawn:
             self.draw(
-                file_name if look is ... else look,
+                file_name,
                 position,
                 yaw,
                 None if fixed else lambda: client.getBasePositionAndOrientation(body),
@@ -186,10 +194,17 @@ class World:
         """
         client = self.client
         client.restoreState(self._as_built)
-        for index, (body, _, sleeps) in enumerate(self._moving):
+        for index, (body, joints, sleeps) in enumerate(self._moving):
             if sleeps:
-                client.changeDynamics(body, -1, activationState=_SLEEP if asleep and asleep[index] else _WAKE_UP)
-        # Nothing touches here, so all pairs are dropped; PyBullet takes two sub-steps to put a body to sleep.
+                # Waking up first restarts PyBullet's count of how long the body has been at rest.
+                client.changeDynamics(body, -1, activationState=_WAKE_UP)
+                if asleep and asleep[index]:
+                    client.changeDynamics(body, -1, activationState=_SLEEP)
+            # Setting filters to what they are makes PyBullet forget all pairs at once; by itself it drops only some of
+            # them in each sub-step, and the order of those that are left would change the last digits.
+            for link in range(0 if body in self._fixed else -1, len(joints)):
+                client.setCollisionFilterGroupMask(body, link, *_COLLIDES)
+        # PyBullet takes two sub-steps to put a body to sleep.
         self.step(2)
 
 

@@ -203,13 +203,13 @@ def _write_piece(folder: Path, name: str, glyph: str, mass: float, scale: float)
     low, high = bounds(glyph)
     size = SU * np.array([*(high - low), 2 * height])
     look = solid(glyph, -height, height, BEVEL)
-    if glyph == "1":
-        shape = node("box", size=size)
-    else:
-        # The margin does not scale with the piece: a smaller piece is 0.1 mm wider than it looks, which does no harm.
-        flat = [np.array([np.c_[hull, np.full(len(hull), z)] for z in (-height, height)]) for hull in hulls(glyph)]
-        write_hulls(folder / f"{name}_hulls.obj", [meshes.loft(SU * scale * rings) for rings in flat])
-        shape = node("mesh", filename=f"{name}_hulls.obj")
+    # The 1 is a plain bar, yet no box: in PyBullet jaws turn a box over, and hold a hull with its margin. It rests no
+    # higher than a box would, as SurRoL's.
+    felt = height - MARGIN if glyph == "1" else height
+    # The margin does not scale with the piece: a smaller piece is 0.1 mm wider than it looks, which does no harm.
+    flat = [np.array([np.c_[hull, np.full(len(hull), z)] for z in (-felt, felt)]) for hull in hulls(glyph)]
+    write_hulls(folder / f"{name}_hulls.obj", [meshes.loft(SU * scale * rings) for rings in flat])
+    shape = node("mesh", filename=f"{name}_hulls.obj")
     shapes = [visual(obj(folder, name, (scale * look[0], look[1])), COLOURS[glyph]), collision(shape)]
     write_urdf(folder, name, link(name, *shapes, mass=mass, size=scale * size, friction=1))
 

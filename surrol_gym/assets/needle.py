@@ -1,5 +1,6 @@
 """The surgical needle."""
 
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -15,12 +16,13 @@ def write_needle(folder: Path) -> None:
     # The last 7.5 degrees run out into the point.
     radii = np.r_[np.full(36, 0.0005), np.linspace(0.00042, 0.00002, 5)]
     shapes = [visual(obj(folder, "needle", meshes.tube(path, radii, up=(0, 0, 1))), STEEL)]
-    # Seven straight capsules, the cheapest shape to collide; one lies across the middle, where experts grasp. They are
-    # as thick as SurRoL's hulls with their margin, so that the needle rests and opens the jaws as it does there.
-    count, radius = 7, 0.0199
-    step = np.pi / count
-    piece = node("capsule", radius=0.00082, length=2 * radius * np.tan(step / 2))
-    for middle in QUARTER + step * (np.arange(count) + 0.5):
+    # Seven straight capsules, the cheapest shape to collide; one lies across the middle and one 60 degrees to either
+    # side, where experts grasp. They are as thick as SurRoL's hulls with their margin, so that the needle rests and
+    # opens the jaws as it does there.
+    ends, radius = np.radians([90, 105, 135, 165, 195, 225, 255, 270]), 0.0199
+    for start, end in pairwise(ends):
+        middle, length = (start + end) / 2, 2 * radius * np.tan((end - start) / 2)
+        piece = node("capsule", radius=0.00082, length=length)
         shapes.append(collision(piece, (radius * np.cos(middle), radius * np.sin(middle), 0), (QUARTER, 0, middle)))
     needle = link("needle", *shapes, mass=0.05, com=(-0.0127, 0, 0), size=(0.0205, 0.041, 0.0012), friction=1)
     write_urdf(folder, "needle", needle)

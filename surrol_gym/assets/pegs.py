@@ -104,7 +104,14 @@ def write_ring(folder: Path, name: str, colour: tuple) -> None:
     seen = _sections(major, minor, 2 * np.pi * np.arange(12) / 12, 2 * np.pi * np.arange(41) / 40)
     look = visual(obj(folder, "ring", meshes.loft(seen, caps=False)), colour)
     felt = collision(_hulls(folder, "ring_hulls", pieces))
-    write_urdf(folder, name, link(name, look, felt, mass=0.01, size=(0.0024, 0.019, 0.019), friction=1))
+    ring = link(name, look, felt, mass=0.01, size=(0.0024, 0.019, 0.019), friction=1)
+    # Contacts that take back half of an overlap in a sub-step. By PyBullet's default, a fifth, the jaws sink half the
+    # tube's thickness into so light a body and hold it badly; taking back more, they shoot it away.
+    stiffness = 1e5
+    ring.find("contact").extend(
+        [node("stiffness", value=stiffness), node("damping", value=stiffness / 240 * (1 / 0.5 - 1))]
+    )
+    write_urdf(folder, name, ring)
 
 
 def _hulls(folder: Path, name: str, pieces: list[meshes.Mesh]) -> ET.Element:

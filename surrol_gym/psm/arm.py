@@ -17,9 +17,6 @@ JAW_CLOSED, JAW_OPEN = 0.0, np.deg2rad(40)
 DOWN = np.array([-np.pi / 2, 0.0, np.pi / 2])
 """Euler angles of a tool that points straight down with its jaws opening along the world's y axis."""
 
-TRACKING = 1 - 0.9**48
-"""Share of a commanded motion that the joint motors of the original cover in a control step (facts, section 1.5)."""
-
 # Jaw motors of PyBullet's defaults: 0.9 of the error is left after a sub-step (facts, section 1.5).
 _JAW_GAINS, _JAW_FORCES = {"positionGains": (0.1, 0.1), "velocityGains": (1.0, 1.0)}, (2.0, 2.0)
 _HOLDING_FORCE = 500.0
@@ -50,7 +47,7 @@ class Arm:
         self._rcm = np.asarray(base_position) + self._rotation @ (0.0, 0.4864, 0.0)
         self._joints = np.zeros(6)
         self._touching, self.contact_force = set(), 0.0
-        self.body = world.load("psm_gripper.urdf", fixed=False, sleeps=False, look=None)
+        self.body = world.load("psm_gripper.urdf", fixed=False, sleeps=False, drawn=False)
         self._hold = self._client.createConstraint(
             self.body, END_EFFECTOR, -1, -1, pybullet.JOINT_FIXED, (0, 0, 0), (0, 0, 0), (0, 0, 0)
         )
@@ -88,11 +85,7 @@ class Arm:
             self._joints = self._solve(position, quaternion_to_matrix(orientation), near=self._joints)
         except kinematics.JointLimitError:
             position, orientation = self._nearest_in_reach(position, euler)
-        start, start_orientation = self._client.getBasePositionAndOrientation(self.body)
-        self._hold_at(
-            [a + TRACKING * (b - a) for a, b in zip(start, position, strict=True)],
-            pybullet.getQuaternionSlerp(start_orientation, orientation, TRACKING),
-        )
+        self._hold_at(position, orientation)
 
     def command_jaws(self, angle):
         """Sets the target of the opening angle between the jaws, radians; the squeeze is limited to 2 N su."""

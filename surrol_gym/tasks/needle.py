@@ -1,4 +1,4 @@
-"""The needle on its padded tray, shared by the tasks that use it (facts, section 4.0)."""
+"""The needle and its padded tray, shared by the tasks that use them (facts, section 4.0)."""
 
 import numpy as np
 import pybullet
@@ -12,6 +12,9 @@ DROP_HEIGHT = 3.436
 # In the needle's centre-of-mass frame, su; its x axis points away from the middle of the arc.
 _ARC_CENTRE = (0.0635, 0.0, 0.0)
 _MIDDLE = (-0.0365, 0.0, 0.0)
+# 60 degrees from the middle along the arc on either side; the x axes of these frames point to the arc's centre, too.
+_LEFT = (0.0135, -0.0866, 0.0), pybullet.getQuaternionFromEuler((0.0, 0.0, np.deg2rad(60)))
+_RIGHT = (0.0135, 0.0866, 0.0), pybullet.getQuaternionFromEuler((0.0, 0.0, np.deg2rad(-60)))
 
 CAMERAS = {
     "closeup": Camera(eye=(3.75, 0.0, 4.35), target=(2.74, 0.0, 3.53), field_of_view=40.0),
@@ -23,12 +26,14 @@ class Needle:
     """A half-circle needle of radius 0.1 su.
 
     Args:
-        world: The ``surrol_gym.bullet.World`` to load tray and needle into.
+        world: The ``surrol_gym.bullet.World`` to load the needle into.
+        tray: Whether to load the tray, too.
     """
 
-    def __init__(self, world):
+    def __init__(self, world, tray=True):
         self._world = world
-        world.load("tray_pad.urdf", TRAY_POSITION)
+        if tray:
+            world.load("tray_pad.urdf", TRAY_POSITION)
         self.body = world.load("needle.urdf", (*TRAY_POSITION[:2], DROP_HEIGHT), fixed=False)
 
     @staticmethod
@@ -50,3 +55,11 @@ class Needle:
     def middle(self):
         """Returns the middle of the arc, where it is grasped: position (3,), su, and Euler angles (3,), radians."""
         return self._world.frame(self.body, _MIDDLE)
+
+    def left(self):
+        """Returns the point 60 degrees left of the middle: position (3,), su, and Euler angles (3,), radians."""
+        return self._world.frame(self.body, *_LEFT)
+
+    def right(self):
+        """Returns the point 60 degrees right of the middle: position (3,), su, and Euler angles (3,), radians."""
+        return self._world.frame(self.body, *_RIGHT)

@@ -4,11 +4,22 @@ import pytest
 
 import surrol_gym
 
-# Steps within which an expert first succeeds (section 5 of the facts).
-FIRST_SUCCESS = {"NeedleReach": (18, 26), "NeedlePick": (35, 42)}
-STRAGGLERS = {"NeedleReach": 0, "NeedlePick": 3}
-"""How many of the 100 episodes may lie outside."""
-EPISODES = 100
+# Steps to first success of the original experts, mean (issue and section 5 of the facts).
+ORIGINAL = {
+    "NeedleReach": 19,
+    "GauzeRetrieve": 34,
+    "NeedlePick": 40,
+    "PegTransfer": 36,
+    "NeedleRegrasp": 39,
+    "BiPegTransfer": 74,
+    "BiPegBoard": 73,
+    "MatchBoardPanel": 88,
+    "PickAndPlace": 88,
+    "MatchBoard": 47,
+}
+FASTER = {}
+"""Tasks whose expert is more than 15 % faster than the original, and why."""
+EPISODES = 10
 ON_THE_PAD = 3.4219
 """Height of the needle at rest, su (section 9)."""
 JAW, HEIGHT = 6, 15
@@ -54,11 +65,17 @@ def test_experts_succeed_in_every_episode_and_still_do_at_its_end(episodes):
 
 
 def test_experts_are_as_fast_as_the_originals(env, episodes):
-    low, high = FIRST_SUCCESS[env.unwrapped.task]
-    first = np.array([1 + successes.index(True) for successes, _, _ in episodes])
-    assert low <= first.mean() <= high
-    outside = sorted(first[(first < low) | (first > high)])
-    assert len(outside) <= STRAGGLERS[env.unwrapped.task], outside
+    task = env.unwrapped.task
+    mean = np.mean([1 + successes.index(True) for successes, _, _ in episodes])
+    assert mean <= 1.15 * ORIGINAL[task]
+    assert mean >= 0.85 * ORIGINAL[task] or task in FASTER
+
+
+def test_experts_do_not_chatter(episodes):
+    """The jaws change their mind only a few times in an episode, and the last steps are still."""
+    for _, _, actions in episodes:
+        jaws = np.array(actions)[:, 4::5] < 0
+        assert np.abs(np.diff(jaws.astype(int), axis=0)).sum(axis=0).max() <= 8
 
 
 def test_actions_of_experts_are_in_the_action_space(env, episodes):

@@ -32,7 +32,7 @@ def resets(env):
 def move(env, goal, gripper, steps):
     """Moves link 5 towards a point; returns what the last step returned."""
     for _ in range(steps):
-        position = env.arm.pose()[0]
+        position = env.arms[0].pose()[0]
         action = np.array((*np.clip((goal - position) / 0.05, -1, 1), 0, gripper), dtype=np.float32)
         returned = env.step(action)
     return returned
@@ -117,10 +117,10 @@ def test_every_index_of_the_observation_holds_what_the_docstring_says(env, steps
     for _ in range(steps):
         observation, *_ = env.step(expert.act(observation))
     state = observation["observation"]
-    position, euler = env.arm.pose()
+    position, euler = env.arms[0].pose()
     np.testing.assert_allclose(state[:3], position, atol=1e-6)
     np.testing.assert_allclose(state[3:6], euler, atol=1e-6)
-    assert state[6] == pytest.approx(env.arm.jaw_angle(), abs=1e-6)
+    assert state[6] == pytest.approx(env.arms[0].jaw_angle(), abs=1e-6)
     client = env.world.client
     body = next(body for body in range(client.getNumBodies()) if client.getBodyInfo(body)[1] == b"needle")
     centre_of_mass, orientation = client.getBasePositionAndOrientation(body)
@@ -147,17 +147,17 @@ def test_a_turn_of_one_is_30_degrees(env):
     env.reset(seed=0)
     env.step(np.array((0, 0, 0.5, 0, CLOSE)))
     for turn in (1.0, -0.5):
-        before = env.arm.pose()[1][2]
+        before = env.arms[0].pose()[1][2]
         env.step(np.array((0, 0, 0, turn, CLOSE)))
-        assert np.rad2deg(env.arm.pose()[1][2] - before) == pytest.approx(0.9936 * 30 * turn, rel=0.01)
+        assert np.rad2deg(env.arms[0].pose()[1][2] - before) == pytest.approx(0.9936 * 30 * turn, rel=0.01)
 
 
 def test_a_turn_leaves_link_5_in_place_and_the_tool_down(env):
     env.reset(seed=0)
-    before = env.arm.pose()[0]
+    before = env.arms[0].pose()[0]
     for _ in range(3):
         env.step(np.array((0, 0, 0, -1, CLOSE)))
-    position, euler = env.arm.pose()
+    position, euler = env.arms[0].pose()
     np.testing.assert_allclose(position, before, rtol=0, atol=2e-3)
     np.testing.assert_allclose(euler[:2], (-np.pi / 2, 0), rtol=0, atol=5e-3)
 
@@ -186,7 +186,7 @@ def test_bringing_the_tool_to_the_goal_without_the_needle_is_no_success(env, gri
     for height in (0.051, 0.0):  # the tips at the goal, then link 5
         goal = observation["desired_goal"] + (0, 0, height)
         _, reward, _, _, info = move(env, goal, gripper, 10)
-        np.testing.assert_allclose(env.arm.pose()[0], goal, rtol=0, atol=1e-3)
+        np.testing.assert_allclose(env.arms[0].pose()[0], goal, rtol=0, atol=1e-3)
         assert not info["is_success"]
         assert reward == -1
 
@@ -213,7 +213,7 @@ def test_the_needle_is_attached_only_after_it_was_lifted_by_0_025(env, seed):
     history = []
     for _ in range(50):
         observation, *_ = env.step(expert.act(observation))
-        history.append((env.grasps[0].attached, observation["observation"][15] - rest))
+        history.append((env.grasps[0][0].attached, observation["observation"][15] - rest))
     attached = [height for held, height in history if held]
     free = [height for held, height in history if not held]
     assert min(attached) > 0.025
@@ -237,10 +237,10 @@ def test_the_arm_feels_the_needle_that_it_holds(env):
 
 def test_opening_the_jaws_releases_the_needle_and_it_falls(env):
     lift(env, 0.1)
-    assert env.grasps[0].attached
+    assert env.grasps[0][0].attached
     for _ in range(5):
         observation, _, _, _, info = env.step(np.array((0, 0, 0, 0, OPEN)))
-        assert not env.grasps[0].attached
+        assert not env.grasps[0][0].attached
     assert observation["achieved_goal"][2] == pytest.approx(REST_HEIGHT, abs=0.005)
     assert not info["is_success"]
     assert info["contact_force"] == 0
@@ -258,7 +258,7 @@ def test_a_held_needle_follows_the_tool(env):
 def test_a_held_needle_is_part_of_the_state(env, height, attached):
     """The episode goes on from there as if never left, in this environment and in another."""
     lift(env, height)
-    assert env.grasps[0].attached == attached
+    assert env.grasps[0][0].attached == attached
     state = env.get_state()
     actions = np.random.default_rng(0).uniform(-0.3, 0.3, (10, 5))
     actions[:, 2] = 0.4
@@ -269,7 +269,7 @@ def test_a_held_needle_is_part_of_the_state(env, height, attached):
     env.reset(seed=1)
     for restored in (env, other):
         restored.set_state(state)
-        assert restored.grasps[0].attached == attached
+        assert restored.grasps[0][0].attached == attached
         for action, (observation, reward, _, _, info) in zip(actions, uninterrupted, strict=True):
             again, again_reward, _, _, again_info = restored.step(action)
             assert {key: value.tobytes() for key, value in again.items()} == {
@@ -284,13 +284,13 @@ def test_restoring_a_state_from_before_the_grasp_lets_the_needle_go(env):
     state = env.get_state()
     lift(env, 0.1)
     restored = env.set_state(state)
-    assert not env.grasps[0].attached
+    assert not env.grasps[0][0].attached
     np.testing.assert_array_equal(restored["observation"], observation["observation"])
 
 
 def test_a_reset_lets_the_needle_go(env):
     lift(env, 0.1)
     observation, info = env.reset(seed=0)
-    assert not env.grasps[0].attached
+    assert not env.grasps[0][0].attached
     assert info["contact_force"] == 0
     assert observation["observation"][9] == pytest.approx(REST_HEIGHT, abs=5e-4)
