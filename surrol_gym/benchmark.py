@@ -27,7 +27,7 @@ ORIGINAL = {
     "PickAndPlace": (68, 64),
     "MatchBoard": (22, 170),
 }
-"""Control steps a second and milliseconds a reset of the original simulator, measured on two cores of an EPYC server."""
+"""Control steps a second and milliseconds a reset of the original simulator, on two cores of an EPYC server."""
 
 COLUMNS = {
     "steps/s": "control steps a second, the expert acting",

@@ -49,18 +49,24 @@ class Prop:
 class World:
     """A PyBullet client with the engine parameters of SurRoL (facts, section 1.6).
 
+    Args:
+        solver_iterations: Iterations of the contact solver in a sub-step.
+
     Attributes:
         client: The client.
         props: What a ``surrol_gym.stage.Stage`` shows of this world.
     """
 
-    def __init__(self):
+    def __init__(self, solver_iterations=50):
         self.client = connect()
         self.props = []
         self._moving, self._fixed = [], set()
         self.client.setGravity(0, 0, -9.81)
         self.client.setPhysicsEngineParameter(
-            fixedTimeStep=TIME_STEP, numSolverIterations=50, deterministicOverlappingPairs=1, erp=_CORRECTION
+            fixedTimeStep=TIME_STEP,
+            numSolverIterations=solver_iterations,
+            deterministicOverlappingPairs=1,
+            erp=_CORRECTION,
         )
 
     def close(self):
@@ -119,6 +125,11 @@ class World:
         self.client.resetBasePositionAndOrientation(body, position, orientation)
         self.client.resetBaseVelocity(body, (0, 0, 0), (0, 0, 0))
         self.client.changeDynamics(body, -1, activationState=_WAKE_UP)
+
+    def lay(self, body, position, orientation=(0, 0, 0, 1)):
+        """Moves a body's centre-of-mass frame to a pose in which it rests, and lets it sleep there."""
+        self.place(body, position, orientation)
+        self.client.changeDynamics(body, -1, activationState=_SLEEP)
 
     def park(self, body):
         """Leaves a body out of an episode: asleep where ``restore_built`` put it, far from everything."""

@@ -65,6 +65,17 @@ def grasp(to_grasp, turn=0.0, hover=0.025, aligned=0.001, **kwargs):
     return Target(to_grasp + (0.0, 0.0, clearance), turn, OPEN, **kwargs)
 
 
+def nearest_yaw(yaw, period=2 * np.pi, middle=np.pi / 4):
+    """Finds the yaw, of all that differ by the period, that is nearest to a middle one.
+
+    Args:
+        yaw: Of a tool that points down, radians. Beyond half a turn observed ones jump by a whole turn.
+        period: ``2 * np.pi``, or ``np.pi`` where it does not matter which jaw is on which side.
+        middle: By default the yaw from which the tool can turn about as far to either side.
+    """
+    return (yaw - middle + period / 2) % period - period / 2 + middle
+
+
 class Expert:
     """Executes the plan of one task.
 

@@ -57,7 +57,6 @@ def write_gripper(folder: Path) -> None:
     box = node("box", size=(0.0014, 0.0102, 0.0018))
     jaws = []
     for name, side in (("gripper1", 1), ("gripper2", -1)):
-        # Light jaws: heavy ones press themselves into light objects, and close further than SurRoL's.
         inertial = {"mass": 0.03, "com": (side * 0.000196, 0.001435, side * -0.000885), "friction": 1}
         jaws += _jaw(name, collision(box, (side * 0.0007, 0.0051, 0)), **inertial)
     # A slim stand-in for the wrist: with its true width, BiPegBoard would start with both wrists in the board.

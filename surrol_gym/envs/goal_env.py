@@ -72,6 +72,8 @@ class GoalEnv(gym.Env):
     action_names: tuple[str, ...]
     goal_tolerance = 0.025
     """Distance from the desired goal that is success, su."""
+    solver_iterations = 50
+    """Iterations of the contact solver; a task may get by with fewer."""
 
     def __init__(self, render_mode=None, obs_type="state", camera="closeup", width=256, height=256):
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
@@ -96,7 +98,7 @@ class GoalEnv(gym.Env):
         )
         if obs_type == "pixels_state":
             self.observation_space["pixels"] = gym.spaces.Box(0, 255, (height, width, 3), np.uint8)
-        self.world = World()
+        self.world = World(self.solver_iterations)
         self._stage = None
         self._closed = False
         self._goal = None

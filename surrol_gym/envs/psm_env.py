@@ -84,6 +84,9 @@ class PSMEnv(GoalEnv):
     mounts: tuple[Mount, ...]
     has_gripper = True
     """Whether actions move the jaws; otherwise they stay closed."""
+    jaw_mass = 0.03
+    """Mass of each jaw, kg (facts, section 1.3): light ones do not press themselves into light objects, while between
+    heavy ones flat objects swing less."""
 
     def __init_subclass__(cls, **kwargs):
         super().__init_subclass__(**kwargs)
@@ -95,7 +98,9 @@ class PSMEnv(GoalEnv):
             )
 
     def _build_scene(self):
-        self.arms = [Arm(self.world, mount.base_position, mount.base_yaw, mount.look) for mount in self.mounts]
+        self.arms = [
+            Arm(self.world, mount.base_position, mount.base_yaw, mount.look, self.jaw_mass) for mount in self.mounts
+        ]
         self.grasps = [[] for _ in self.mounts]
         """For each arm the grasps that its jaws may take."""
         self._limits = [mount.limits() for mount in self.mounts]

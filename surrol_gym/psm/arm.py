@@ -35,12 +35,13 @@ class Arm:
         base_position: Position of its base, metres, world frame.
         base_yaw: Rotation of its base about z, radians.
         look: URDF that pictures show.
+        jaw_mass: Mass of each jaw, kg.
 
     Attributes:
         contact_force: Sum of the normal forces on the gripper when ``sense`` was called, kg su / s^2.
     """
 
-    def __init__(self, world, base_position, base_yaw, look="psm.urdf"):
+    def __init__(self, world, base_position, base_yaw, look="psm.urdf", jaw_mass=0.03):
         self._client = world.client
         c, s = np.cos(base_yaw), np.sin(base_yaw)
         self._rotation = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
@@ -48,6 +49,8 @@ class Arm:
         self._joints = np.zeros(6)
         self._touching, self.contact_force = set(), 0.0
         self.body = world.load("psm_gripper.urdf", fixed=False, sleeps=False, drawn=False)
+        for jaw in JAWS:
+            self._client.changeDynamics(self.body, jaw, mass=jaw_mass)
         self._hold = self._client.createConstraint(
             self.body, END_EFFECTOR, -1, -1, pybullet.JOINT_FIXED, (0, 0, 0), (0, 0, 0), (0, 0, 0)
         )

@@ -6,8 +6,8 @@ import numpy as np
 
 from surrol_gym.envs.grasping import Grasp
 from surrol_gym.envs.psm_env import Mount, PSMEnv, robot_state_names, rpy, xyz
-from surrol_gym.experts import CLOSE, OPEN, Target, grasp
-from surrol_gym.psm.arm import JAWS, TIP_OFFSET, euler_to_matrix
+from surrol_gym.experts import CLOSE, OPEN, Target, grasp, nearest_yaw
+from surrol_gym.psm.arm import TIP_OFFSET, euler_to_matrix
 from surrol_gym.stage import Camera
 
 GLYPHS = "012456ABC"
@@ -77,12 +77,6 @@ RETREAT_HEIGHT = 3.55
 
 GAIN, SPEED = 0.24, 0.9
 """Share of the way to a distant target that one step covers, and the largest action along an axis."""
-
-MIDDLE_YAW = np.pi / 4
-"""Yaw of the tool from which it can turn about as far to either side, radians; episodes start 45 degrees from it."""
-
-JAW_MASS = 0.3
-"""Mass of each jaw, kg; between light ones flat pieces swing before they are attached (facts, section 1.3)."""
 
 # The same as arrays, by class.
 _CATCHES = np.array([(*CATCHES[glyph][:2], np.deg2rad(CATCHES[glyph][2]), GRASP_DEPTHS[glyph]) for glyph in GLYPHS])
@@ -174,13 +168,12 @@ class MatchBoardEnv(PSMEnv):
     )
     goal_names = xyz("mark")
     mounts = (Mount(start_position=(2.5, 0.25, 3.601)),)
+    jaw_mass = 0.3  # between lighter ones flat pieces swing before they are attached
     goal_tolerance = 0.02
     """Distance of the mark from the goal that success allows, su."""
 
     def _build_scene(self):
         super()._build_scene()
-        for jaw in JAWS:
-            self.world.client.changeDynamics(self.arms[0].body, jaw, mass=JAW_MASS)
         self._pieces = [self.world.load(f"glyph_{glyph}.urdf", fixed=False) for glyph in GLYPHS]
         self.world.load("match_board.urdf", BOARD_POSITION)
         self.world.load("tray.urdf", TRAY_POSITION, drawn=False)
@@ -240,7 +233,7 @@ class MatchBoardEnv(PSMEnv):
         A piece that lies anywhere else, be it on the rim or upside down, is grasped again; one that stands is toppled.
         """
         state, goal = observation["observation"], observation["desired_goal"]
-        position, tool_yaw, jaw, piece = state[:3], _nearest(state[5], 2 * np.pi), state[6], state[8:11]
+        position, tool_yaw, jaw, piece = state[:3], nearest_yaw(state[5], 2 * np.pi), state[6], state[8:11]
         number = round(float(state[7]))
         catch_x, catch_y, catch_direction, depth = _CATCHES[number]
         rotation = euler_to_matrix(state[17:20])
@@ -257,7 +250,7 @@ class MatchBoardEnv(PSMEnv):
         if HELD_JAW[0] < jaw < HELD_JAW[1] and np.abs(to_grasp).max() < 0.025:
             # Upside down it fits both ways.
             upright = np.arctan2(rotation[1, 0], rotation[0, 0])
-            turn = _nearest(tool_yaw - upright, 2 * np.pi if rotation[2, 2] > 0 else np.pi) - tool_yaw
+            turn = nearest_yaw(tool_yaw - upright, 2 * np.pi if rotation[2, 2] > 0 else np.pi) - tool_yaw
             slant = TILT_REACH * np.sqrt(max(0.0, 1.0 - rotation[2, 2] ** 2))
             to_release = seat + (0.0, 0.0, BOARD_TOP + 0.001 + depth + slant) - piece
             to_release[2] = max(to_release[2], above_tiles + 0.001)
@@ -267,7 +260,7 @@ class MatchBoardEnv(PSMEnv):
             return Target(np.array((0.0, 0.0, max(0.0, RETREAT_HEIGHT - position[2]))), jaw=OPEN, speed=0.4)
         if abs(rotation[2, 2]) < 0.6:
             return _topple(piece, rotation[:2, 2], position, jaw)
-        turn = _nearest(np.arctan2(stroke[1], stroke[0]) + np.pi / 2, np.pi) - tool_yaw  # the jaws are symmetric
+        turn = nearest_yaw(np.arctan2(stroke[1], stroke[0]) + np.pi / 2, np.pi) - tool_yaw  # the jaws are symmetric
         target = grasp(reachable, turn, gain=GAIN)
         # Jaws that closed on nothing open again.
         return target if jaw > HELD_JAW[0] else replace(target, jaw=OPEN)
@@ -294,8 +287,3 @@ def _carry(to_release, turn, tolerance):
     wanted = to_release + (0.0, 0.0, np.clip(12 * (misalignment - tolerance), 0.0, HOVER))
     share = np.clip(1.0 - (wanted[2] - 0.005) / 0.015, 0.0, 1.0)  # up first
     return Target(wanted * (share, share, 1.0), turn * share, CLOSE, gain=GAIN * (0.6 + 0.4 * share), speed=SPEED)
-
-
-def _nearest(yaw, period):
-    """The yaw of a tool, of all that differ by the period, that is nearest to the middle of the wrist's range."""
-    return (yaw - MIDDLE_YAW + period / 2) % period - period / 2 + MIDDLE_YAW

@@ -15,11 +15,11 @@ LID_POSITION = np.array((2.625, -0.1, 3.4229))
 """Where the closed lid of row 0 is, su; the other rows follow along x."""
 HANDLE = np.array((0.0, 0.18125, 0.0125))
 """Handle in the frame of its lid, su."""
+SPINNING_FRICTION = 1.0
+"""Of the jaws, as in SurRoL's gripper for this task (facts, section 1.2)."""
+
 LID_FRICTION = 240.0
 """Push that a lid withstands, N su (facts, section 4.8)."""
-
-JAW_MASS = 2.02
-"""Of each jaw, kg: SurRoL's gripper for this task; lighter ones drop the letter (facts, sections 1.2 and 1.3)."""
 
 # In the letter's frame: the point above its back where it is taken, su, and its orientation.
 _GRIP = (0.0, -0.03125, 0.0375), pybullet.getQuaternionFromEuler((0.0, 0.0, np.pi / 2))
@@ -134,12 +134,13 @@ class MatchBoardPanelEnv(PSMEnv):
         *xyz("goal_handle"),
     )
     goal_names = (*xyz("letter"), *xyz("handle"))
+    jaw_mass = 2.02  # as in SurRoL's gripper for this task; friction alone holds the letter, and lighter jaws drop it
     mounts = (Mount(start_position=(2.4, 0.125, 3.626), workspace=((0.48, 0.60), (-0.05, 0.10), (0.676, 0.715))),)
 
     def _build_scene(self):
         super()._build_scene()
         for jaw in JAWS:
-            self.world.client.changeDynamics(self.arms[0].body, jaw, mass=JAW_MASS, spinningFriction=1.0)
+            self.world.client.changeDynamics(self.arms[0].body, jaw, spinningFriction=SPINNING_FRICTION)
         self._letter = self.world.load("letter_C.urdf", (3.005, 0.185, 3.389), fixed=False)
         self._panel = self.world.load("match_panel.urdf", PANEL_POSITION)
         self.world.client.setJointMotorControlArray(

@@ -4,7 +4,7 @@ import numpy as np
 
 from surrol_gym.envs.grasping import Grasp
 from surrol_gym.envs.psm_env import Mount, PSMEnv, robot_state_names, rpy, xyz
-from surrol_gym.experts import CLOSE, Target, grasp
+from surrol_gym.experts import CLOSE, Target, grasp, nearest_yaw
 from surrol_gym.psm.arm import TIP_OFFSET
 from surrol_gym.tasks.needle import CAMERAS, Needle
 
@@ -146,5 +146,5 @@ class NeedlePickEnv(PSMEnv):
         # The jaws are symmetric; of the two orientations across the needle the one with a yaw within 90 degrees of 0 is
         # taken, not the nearer one: it is always within reach of the roll joint, and the choice flips where no episode
         # starts. Where it flips, learners would find no action between the two.
-        turn = (needle_yaw + np.pi / 2) % np.pi - np.pi / 2 - yaw
+        turn = nearest_yaw(needle_yaw, np.pi, middle=0.0) - nearest_yaw(yaw)
         return grasp(to_grasp, turn)

@@ -8,8 +8,8 @@ from surrol_gym.experts import CLOSE, OPEN, Target
 from surrol_gym.psm.arm import TIP_OFFSET, euler_to_matrix
 from surrol_gym.units import to_su
 
-PEG_FRAME, DROP_HEIGHT = 0.11, 0.03
-"""Height of the pegs' frames above the board's centre, and of a new block above such a frame, su."""
+PEG_FRAME = 0.11
+"""Height of the pegs' frames above the board's centre, su."""
 
 REST = 0.0175
 """How far below the frame of its peg the centre of a block rests, su."""
@@ -47,12 +47,13 @@ class PegBoard:
         self._others = [world.load("block.urdf", fixed=False) for _ in range(1, blocks)]
         world.load(file_name, (2.75, 0.0, height))
 
-    def drop_blocks(self, rng):
-        """Puts the blocks above source pegs drawn without replacement, each turned by an angle of its own."""
+    def place_blocks(self, rng):
+        """Puts the blocks onto source pegs drawn without replacement, each turned by an angle of its own."""
         # The sources are in random order, so the first is as random for the red block as any.
         for body, source in zip((self.body, *self._others), rng.permutation(SOURCES), strict=False):
             orientation = pybullet.getQuaternionFromEuler((0.0, 0.0, rng.uniform(-_YAW_RANGE, _YAW_RANGE)))
-            self._world.place(body, self._frame(source) + (0.0, 0.0, DROP_HEIGHT), orientation)
+            # SurRoL drops them from 0.03 su; they come to rest there.
+            self._world.lay(body, self._frame(source) - (0.0, 0.0, REST), orientation)
 
     def sample_goal(self, rng):
         """Returns the frame of a target peg, shape (3,), su."""
@@ -251,11 +252,11 @@ class Hand:
         offset = place - self._block.centre
         if np.abs(offset).max() < 0.004 and abs(turn) < 0.06:
             return Target(np.array((0.0, 0.0, 0.03)), jaw=OPEN)
+        # Friction alone holds the block until it is attached: slowly at first.
+        rise = self._block.centre[2] - (self._block.ground + LYING + 0.003)
         free = self._block.centre[2] > self._block.tip + 0.02
-        if not free and self.offset[2] < -0.0015:
-            return Target(np.array((0.0, 0.0, self.offset[2])), gain=0.5)  # as in ``carry``
-        target = self.carry(place)
-        return Target(target.offset, turn if free else 0.0, gain=0.5, speed=0.9 if free else 0.5, turn_speed=0.7)
+        speed = np.clip(0.1 + 25 * rise, 0.1, 0.9)
+        return Target(self.carry(place).offset, turn if free else 0.0, gain=0.5, speed=speed, turn_speed=0.7)
 
     def _poke(self):
         """Pushes a leaning block down with closed jaws, at its higher end."""

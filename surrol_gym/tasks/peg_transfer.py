@@ -96,7 +96,7 @@ class PegTransferEnv(PSMEnv):
 
     def _pose_scene(self):
         super()._pose_scene()
-        self._board.drop_blocks(self.np_random)
+        self._board.place_blocks(self.np_random)
 
     def _sample_goal(self):
         return self._board.sample_goal(self.np_random)

@@ -8,7 +8,7 @@ import pybullet
 
 from surrol_gym.envs.grasping import Grasp
 from surrol_gym.envs.psm_env import Mount, PSMEnv, robot_state_names, rpy, xyz
-from surrol_gym.experts import CLOSE, OPEN, Target, grasp
+from surrol_gym.experts import CLOSE, OPEN, Target, grasp, nearest_yaw
 from surrol_gym.stage import Camera
 
 COLOURS = ("red", "green")
@@ -43,9 +43,6 @@ FOOT = 0.027
 
 RETREAT_HEIGHT = 3.6
 """Height to which link 5 rises when both jacks are in place, su."""
-
-MIDDLE_YAW = np.pi / 4
-"""Yaw of the tool from which it can turn about as far to either side, radians; episodes start 45 degrees from it."""
 
 GAIN, SPEED = 0.22, 0.8
 """Share of the way to a distant target that one step covers, and the largest action along an axis."""
@@ -205,7 +202,7 @@ class PickAndPlaceEnv(PSMEnv):
         Jaws that close along a jack's own x axis find it symmetric, even when its third foot hangs on a rim.
         """
         state, goal = observation["observation"], observation["desired_goal"]
-        position, tool_yaw, jaw = state[:3], _nearest(state[5], 2 * np.pi), state[6]
+        position, tool_yaw, jaw = state[:3], nearest_yaw(state[5], 2 * np.pi), state[6]
         origins, tops, eulers = state[7:13].reshape(2, 3), state[19:25].reshape(2, 3), state[25:31].reshape(2, 3)
         to_places = goal.reshape(2, 3) + (0.0, 0.0, STANDING) - origins
         to_grasps = tops + (0.0, 0.0, GRASP_HEIGHT) - position
@@ -216,7 +213,7 @@ class PickAndPlaceEnv(PSMEnv):
         order = (0, 1) if np.abs(goal[:2] - origins[1, :2]).max() > 0.045 else (1, 0)
         for to_place, to_grasp, euler in zip(to_places[order, :], to_grasps[order, :], eulers[order, :], strict=True):
             if np.abs(to_place).max() > PLACED:
-                turn = _nearest(euler[2], np.pi) - tool_yaw  # the jaws are symmetric
+                turn = nearest_yaw(euler[2], np.pi) - tool_yaw  # the jaws are symmetric
                 target = grasp(to_grasp, turn, HOVER, aligned=0.004, gain=GAIN, speed=SPEED)
                 # Jaws that closed on nothing open again.
                 gripper = target.jaw if jaw > HELD_JAW[0] else OPEN
@@ -239,8 +236,3 @@ def _rise_first(offset):
     """Reduces the horizontal part of an offset while its end is much higher."""
     share = np.clip(1.0 - (offset[2] - 0.01) / 0.02, 0.0, 1.0)
     return offset * (share, share, 1.0)
-
-
-def _nearest(yaw, period):
-    """The yaw of a tool, of all that differ by the period, that is nearest to the middle of the wrist's range."""
-    return (yaw - MIDDLE_YAW + period / 2) % period - period / 2 + MIDDLE_YAW
