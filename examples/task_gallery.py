@@ -31,7 +31,8 @@ def halfway(env, seed=0):
     env.reset(seed=seed)
     for action in actions[: len(actions) // 2]:
         env.step(action)
-    return env.unwrapped.picture("closeup", WIDTH, HEIGHT)
+    picture = Image.fromarray(env.unwrapped.picture("closeup", 2 * WIDTH, 2 * HEIGHT))
+    return picture.resize((WIDTH, HEIGHT), Image.Resampling.LANCZOS)
 
 
 def table():
@@ -54,7 +55,7 @@ def main():
     (ROOT / PICTURES).mkdir(exist_ok=True)
     for task in surrol_gym.TASKS:
         env = gym.make(f"surrol/{task}-v0")
-        Image.fromarray(halfway(env)).save(ROOT / PICTURES / f"{task}.png", optimize=True)
+        halfway(env).save(ROOT / PICTURES / f"{task}.png", optimize=True)
         env.close()
         print(f"{PICTURES}/{task}.png")
     readme = ROOT / "README.md"

@@ -19,8 +19,8 @@ class BiPegTransferEnv(PSMEnv):
     """
     ## Description
 
-    Six triangular blocks sit on the source pegs of a board, which only the second Patient Side Manipulator reaches; only
-    the first reaches the target pegs. The second has to grasp the red block at a wall, lift it off its peg and hand it
+    Six triangular blocks sit on the source pegs of a board. Only the second Patient Side Manipulator reaches them, and
+    only the first reaches the target pegs. The second has to grasp the red block at a wall, lift it off its peg and hand it
     over in the air; the first has to take it at another wall and lower it onto the marked peg. Beside the peg, on
     another peg or in the air above the peg is no success.
 
@@ -35,8 +35,8 @@ class BiPegTransferEnv(PSMEnv):
     | 4 | its jaws: negative closes them, 0 and above opens them to 40 degrees | |
     | 5-9 | the same of the second arm | |
 
-    Link 5 stays within x [2.48, 3.02], z [3.481, 3.856], and y [-0.02, 0.27] for the first, [-0.27, 0.02] for the second
-    arm. The red block is attached to link 5 as soon as both closed jaws of an arm touch it, and detached when one loses
+    Link 5 stays within x [2.48, 3.02], z [3.481, 3.856], and y [-0.02, 0.27] for the first, [-0.27, 0.02] for the
+    second arm. The red block is attached to link 5 as soon as both closed jaws of an arm touch it, and detached when one loses
     touch or the jaws open. It is attached to one arm only: the receiving arm holds it by friction until the step after
     the giving arm has opened.
 
@@ -67,8 +67,8 @@ class BiPegTransferEnv(PSMEnv):
 
     ## Starting State
 
-    Links 5 at (2.5, +-0.25, 3.776), tools down, jaws closed. Blocks on all six source pegs (y < 0), the red one on any of
-    them, each turned by a uniform angle in [-30, 30] degrees. The goal is one of the six target pegs (y > 0).
+    Links 5 at (2.5, +-0.25, 3.776), tools down, jaws closed. Blocks on all six source pegs (y < 0), the red one on any
+    of them, each turned by a uniform angle in [-30, 30] degrees. The goal is one of the six target pegs (y > 0).
 
     ## Episode End
 

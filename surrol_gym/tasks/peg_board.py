@@ -208,7 +208,8 @@ class Hand:
         if self._block.leans:
             return self._poke()
         if self._block.centre[2] > self._block.tip + 0.0825 and not self._helped:
-            return Target(np.zeros(3), jaw=CLOSE)  # it hangs on the open jaws: shake it off
+            # It hangs on the jaws, but not in their grasp: shake it off.
+            return Target(np.zeros(3), jaw=CLOSE if self._jaw > _HELD_JAW[1] else OPEN)
         misalignment = max(np.hypot(*self.offset[:2]), 0.15 * abs(self.turn)) + np.linalg.norm(ahead)
         if misalignment < 0.004 and abs(self.offset[2]) < 0.006:
             return Target(self.offset, self.turn, CLOSE, gain=0.5)
@@ -259,9 +260,13 @@ class Hand:
         return Target(self.carry(place).offset, turn if free else 0.0, gain=0.5, speed=speed, turn_speed=0.7)
 
     def _poke(self):
-        """Pushes a leaning block down with closed jaws, at its higher end."""
-        high = self._block.axis * np.copysign((1.0, 1.0, 0.0), self._block.axis[2])
-        offset = self._block.centre + 0.025 * high + (0.0, 0.0, TIP_OFFSET - 0.03) - self._position
+        """Pushes a leaning block down with closed jaws: at its higher end, or where it can roll onto a flat side."""
+        block = self._block
+        if abs(block.axis[2]) > 0.35:
+            aside = 0.025 * np.sign(block.axis[2]) * block.axis
+        else:
+            aside = -0.03 * block.walls[block.walls[:, 2].argsort()[1]]
+        offset = block.centre + (*aside[:2], TIP_OFFSET - 0.03) - self._position
         jaw = OPEN if _HELD_JAW[0] < self._jaw < _HELD_JAW[1] else CLOSE  # rather than drag it along
         return self._approach(offset, np.hypot(offset[0], offset[1]), 0.0, jaw, hover=0.16)
 

@@ -113,7 +113,7 @@ class PegTransferEnv(PSMEnv):
 
     @staticmethod
     def expert_target(observation):
-        """Grasp a wall, lift, carry, lower, let go and retreat; a block that fell over is stood up at the goal's peg."""
+        """Grasp a wall, lift, carry, lower, let go, retreat; a block that fell over is stood up at the goal's peg."""
         state, goal = observation["observation"], observation["desired_goal"]
         rest = goal - (0.0, 0.0, REST)
         block = Block(observation["achieved_goal"], state[16:19], ground=rest[2], tip=goal[2] + PEG_TIP)

@@ -12,7 +12,7 @@ from scipy.stats import binomtest
 import surrol_gym
 from lerobot_gcdt.evaluation import describe, evaluate, observation_batch, wilson_interval
 
-TASKS = list(surrol_gym.TASKS)
+TASKS = ["NeedleReach", "NeedlePick", "BiPegBoard"]
 
 
 class Zeros:
@@ -85,7 +85,7 @@ def test_the_expert_reaches_and_holds_the_goal(of_the_expert):
 
 
 def test_a_policy_that_does_nothing_never_succeeds():
-    episodes = evaluate(Zeros(), TASKS, [0])
+    episodes = evaluate(Zeros(), TASKS[:2], [0])
     assert not episodes.reached.any()
     assert not episodes.held.any()
     assert episodes.steps.isna().all()
@@ -221,7 +221,7 @@ def test_the_description_has_lines_for_every_task(of_the_expert):
 
 def test_an_unknown_task_is_an_error_that_names_it_and_the_known_ones():
     policy = Zeros()
-    with pytest.raises(ValueError, match=f"NeedleThread.*{', '.join(TASKS)}"):
+    with pytest.raises(ValueError, match=f"NeedleThread.*{', '.join(surrol_gym.TASKS)}"):
         evaluate(policy, ["NeedleReach", "NeedleThread"], [0])
     assert not policy.batches
 

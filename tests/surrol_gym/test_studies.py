@@ -31,7 +31,10 @@ def test_experts_succeed_in_99_percent_of_500_episodes_and_hold_the_goal(make, t
     assert outcomes.mean(axis=0).min() >= 0.99
 
 
-def test_experts_recover_from_five_random_actions(make, task):
+def test_experts_recover_from_five_random_actions(make, task, request):
+    if task == "NeedleRegrasp":
+        reason = "half of the random actions open the jaws, and the needle falls where no arm reaches"
+        request.applymarker(pytest.mark.xfail(reason=reason, strict=True))
     env = make(task).unwrapped
     expert = surrol_gym.make_expert(env)
     limit = gym.spec(f"surrol/{task}-v0").max_episode_steps

