@@ -20,9 +20,9 @@ class BiPegTransferEnv(PSMEnv):
     ## Description
 
     Six triangular blocks sit on the source pegs of a board. Only the second Patient Side Manipulator reaches them, and
-    only the first reaches the target pegs. The second has to grasp the red block at a wall, lift it off its peg and hand it
-    over in the air; the first has to take it at another wall and lower it onto the marked peg. Beside the peg, on
-    another peg or in the air above the peg is no success.
+    only the first reaches the target pegs. The second has to grasp the red block at a wall, lift it off its peg and
+    hand it over in the air; the first has to take it at another wall and lower it onto the marked peg. Beside the peg,
+    on another peg or in the air above the peg is no success.
 
     ## Action Space
 
@@ -36,9 +36,9 @@ class BiPegTransferEnv(PSMEnv):
     | 5-9 | the same of the second arm | |
 
     Link 5 stays within x [2.48, 3.02], z [3.481, 3.856], and y [-0.02, 0.27] for the first, [-0.27, 0.02] for the
-    second arm. The red block is attached to link 5 as soon as both closed jaws of an arm touch it, and detached when one loses
-    touch or the jaws open. It is attached to one arm only: the receiving arm holds it by friction until the step after
-    the giving arm has opened.
+    second arm. The red block is attached to link 5 as soon as both closed jaws of an arm touch it, and detached when
+    one loses touch or the jaws open. It is attached to one arm only: the receiving arm holds it by friction until the
+    step after the giving arm has opened.
 
     ## Observation Space
 
