@@ -1,0 +1,286 @@
+"""The board with hanging and upright pegs, and how to bring a ring from one to another (facts, section 4.7)."""
+
+import numpy as np
+
+from surrol_gym.experts import CLOSE, OPEN, Target
+from surrol_gym.psm.arm import TIP_OFFSET
+
+# The board (facts, section 4.7): six hanging pegs in each of two rows along x, two upright ones.
+BOARD_POSITION = (2.75, 0.0, 3.4305)
+HANGING_X, HANGING_TIP_X = 2.3985, 2.4566
+HANGING_Y, HANGING_Z = np.array([-0.3237, -0.1943, -0.0648, 0.0648, 0.1943, 0.3237]), np.array([3.8005, 3.6155])
+UPRIGHT_X, UPRIGHT_Y, UPRIGHT_TOP = 2.75, np.array([-0.185, 0.185]), 3.5626
+GOAL = np.array([UPRIGHT_X, UPRIGHT_Y[1], 3.4545])
+
+RING_RADIUS, HOLE_RADIUS = 0.0417, 0.0358
+POINT_1, POINT_2 = np.array([0.0, 0.074, 0.0]), np.array([0.0, -0.0231, 0.0786])
+"""Where the arms take a hanging ring: link 5 of PSM1 and of PSM2, in the ring's frame, whose x axis is the ring's."""
+
+PSM1_ROLL = np.deg2rad(-15)
+
+# What the expert does with a ring.
+
+HANDOVER = np.array([2.56, -0.01, 3.78])
+"""Where the ring's centre is when it changes hands, su."""
+
+RELEASE_HEIGHT = GOAL[2] + 0.036
+"""Height of the ring's centre at which PSM1 lets go, around the peg; the lower jaw needs the room to open, su."""
+
+GAIN = 0.18
+"""Share of a large offset that one step covers; the pace of SurRoL's expert."""
+
+FAST_GAIN = 0.28
+"""The same where a dropped ring is picked up."""
+
+GRIP_1, GRIP_2, GRIP_2_FLAT = 0.040, 0.044, 0.0465
+"""Distance along the tool from link 5 to the tube it grasps, su; a flat ring is grasped as deep as the plate allows."""
+
+HELD_JAW = (0.1, 0.5)
+"""Opening angle of jaws that hold the ring, radians: closed on nothing they are at 0, open at 0.7."""
+
+REACHABLE_Y, DRAWN_Y = 0.012, -0.01
+"""A free ring whose centre has a smaller y is for PSM2; PSM1 draws one that it has got hold of a little further, su."""
+
+FLAT = 0.9
+"""Vertical component of the axis of a ring that counts as flat."""
+
+REST_2 = np.array([2.5, -0.2, 3.95])
+PITCH_LIMIT = np.deg2rad(86)
+_X, _Y, _Z = np.eye(3)
+_STILL = np.zeros(3)
+
+
+def _psm1_tool(pitch):
+    """Direction of PSM1's jaws at a pitch."""
+    s, c = np.sin(PSM1_ROLL), np.cos(PSM1_ROLL)
+    return np.array([-s * np.sin(pitch), -c, s * np.cos(pitch)])
+
+
+WAIT_1 = HANDOVER + (RING_RADIUS + 0.05) * _Y - GRIP_1 * _psm1_tool(0.0)
+
+
+def _move(offset, turn=0.0, jaw=CLOSE, **kwargs):
+    return Target(offset, turn, jaw, **({"gain": GAIN} | kwargs))
+
+
+def _grasp(to_grasp, away, turn, hover, aligned=0.003, **kwargs):
+    """As ``surrol_gym.experts.grasp``, approaching against any direction and never from beside the object.
+
+    Args:
+        to_grasp: From link 5 to where it should be when the jaws close, shape (3,), su.
+        away: Unit vector from the object to where the tool comes from.
+        turn: Rotation of the tool that is left to do, radians.
+        hover: Distance from the grasp at which the tool waits until it is aligned, su.
+        aligned: Misalignment below which the jaws close, su.
+        **kwargs: Further attributes of the target.
+    """
+    height = -(to_grasp @ away)
+    across = to_grasp + height * away
+    misalignment = max(np.linalg.norm(across), 0.05 * abs(turn))
+    if misalignment < aligned and abs(height) < aligned:
+        return _move(to_grasp, turn, CLOSE, **kwargs)
+    clearance = np.clip(3 * (misalignment - aligned), 0.0, hover)
+    across *= np.clip(1.0 - (clearance - height - 0.01) / 0.02, 0.0, 1.0)
+    return _move(across + (clearance - height) * away, turn, OPEN, **kwargs)
+
+
+def _half_turn(angle, low):
+    """The equivalent of an angle for something that looks the same after half a turn, in [low, low + pi)."""
+    return (angle - low) % np.pi + low
+
+
+class Scene:
+    """What the expert sees, and what either arm should do about it."""
+
+    def __init__(self, state):
+        self.position1, self.pitch = state[:3], state[4]
+        self.position2, self.yaw = state[7:10], state[12]
+        self.centre = state[14:17]
+        # From the two points, because Euler angles of a flat ring say little.
+        y = (state[23:26] - self.centre) / POINT_1[1]
+        z = (state[29:32] - self.centre - POINT_2[1] * y) / POINT_2[2]
+        self.axis = np.cross(y, z)
+        self.flat = abs(self.axis[2]) > FLAT
+        tool1 = _psm1_tool(self.pitch)
+        self.grip1, self.tip1 = self.position1 + GRIP_1 * tool1, self.position1 + TIP_OFFSET * tool1
+        self.held1 = self._is_held(self.grip1, state[6])
+        self.held2 = self._is_held(self.position2 - GRIP_2 * _Z, state[13])
+
+    def _is_held(self, grip, jaw):
+        """Whether jaws of that opening angle hold the ring's tube."""
+        offset = grip - self.centre
+        along = offset @ self.axis
+        distance = np.hypot(np.linalg.norm(offset - along * self.axis) - RING_RADIUS, along)
+        return distance < 0.015 and HELD_JAW[0] < jaw < HELD_JAW[1]
+
+    def is_around_peg(self):
+        """Whether the goal's peg goes through the ring."""
+        dx, dy = self.centre[:2] - GOAL[:2]
+        ax, ay, az = self.axis
+        if abs(az) < 0.3:
+            return False
+        rise = (dx * ax + dy * ay) / az  # from the centre to where the peg's axis meets the ring's plane
+        return np.linalg.norm((dx, dy, rise)) < HOLE_RADIUS and self.centre[2] + rise < UPRIGHT_TOP
+
+    def is_for_psm2(self):
+        """Whether PSM2 has to fetch a ring that nobody holds."""
+        return self.centre[1] < (DRAWN_Y if self.flat and self.tip1_in_hole() else REACHABLE_Y)
+
+    def tip1_in_hole(self):
+        """Whether the tips of PSM1 are in a flat ring's hole, as far as they may go when they draw it."""
+        x, y, z = self.tip1 - self.centre
+        return np.hypot(x, y) < 0.046 and z < 0.0095
+
+    def leans(self):
+        """Whether the ring leans towards or away from PSM1, whose jaws cannot lay it flat then."""
+        _, ay, az = np.abs(self.axis)
+        return ay > 0.4 and az > 0.5 and self.centre[2] < 3.52
+
+    def _way(self, target):
+        """From the ring's centre towards a target: off a hanging peg and clear of the upright ones first."""
+        x, y, z = self.centre
+        offset = target - self.centre
+        if x > HANGING_TIP_X + 0.02:
+            offset[:2] *= np.clip((z - 3.56) / 0.03, 0.0, 1.0)
+            return offset
+        to_peg = np.array([pegs[np.abs(pegs - at).argmin()] - at for pegs, at in ((HANGING_Y, y), (HANGING_Z, z))])
+        distance = np.hypot(*to_peg)
+        if distance < HOLE_RADIUS:
+            return np.array([(HANDOVER[0] - x) * np.clip((0.016 - distance) / 0.006, 0.0, 1.0), *to_peg])
+        return np.array([HANDOVER[0] - x, 0.0, max(3.47 - z, 0.0)])
+
+    # What PSM2 does.
+
+    def fetch(self):
+        """Grasps the ring from above: a flat one at the side, a hanging one beside its peg."""
+        if self.flat:
+            # At +x, or at -x where an upright peg is in the way.
+            blocked = 0.0 < UPRIGHT_X - self.centre[0] < 0.12 and np.abs(UPRIGHT_Y - self.centre[1]).min() < 0.045
+            rim = self.centre + (-RING_RADIUS if blocked else RING_RADIUS) * _X
+            to_grasp = rim + GRIP_2_FLAT * _Z - self.position2
+            # Under the hanging pegs from the front.
+            under_pegs = rim[0] < HANGING_TIP_X + 0.02
+            if under_pegs and to_grasp[2] < -0.04:
+                to_grasp[0] = max(to_grasp[0], HANGING_TIP_X + 0.06 - self.position2[0])
+                return _move(to_grasp + 0.03 * _Z, -self.yaw, OPEN, gain=FAST_GAIN)
+            return _grasp(to_grasp, _Z, -self.yaw, hover=0.03 if under_pegs else 0.12, gain=FAST_GAIN)
+        up = _Z - self.axis[2] * self.axis
+        up /= np.linalg.norm(up)
+        side = np.cross(self.axis, up)
+        side *= -1.0 if side[1] > 0 else 1.0
+        below_pegs = self.centre[0] < HANGING_TIP_X + 0.02 and self.centre[2] < 3.55
+        if below_pegs:
+            # Between two of them.
+            ys = [self.centre[1] + 0.554 * RING_RADIUS * sign * side[1] for sign in (1.0, -1.0)]
+            side *= 1.0 if np.abs(HANGING_Y - ys[0]).min() > np.abs(HANGING_Y - ys[1]).min() else -1.0
+        rim = self.centre + RING_RADIUS * (0.832 * up + 0.554 * side)
+        yaw = _half_turn(np.arctan2(self.axis[1], self.axis[0]), -np.pi / 2)
+        return _grasp(rim + GRIP_2 * _Z - self.position2, _Z, yaw - self.yaw, hover=0.25 if below_pegs else 0.03)
+
+    def bring(self):
+        """Carries the ring to where it is handed over, and turns its axis into the x-z plane."""
+        turn = -_half_turn(np.arctan2(self.axis[1], self.axis[0]), -np.pi / 2)
+        turn *= np.clip((FLAT - abs(self.axis[2])) / 0.3, 0.0, 1.0)  # the flatter the ring, the less its direction says
+        # Slowly while friction alone holds the ring.
+        return _move(self._way(HANDOVER), turn, CLOSE, speed=0.25 if self.centre[2] < 3.52 else 1.0)
+
+    def let_go(self):
+        """Opens the jaws, then leaves the ring to PSM1."""
+        return _move(_STILL, jaw=OPEN) if self.held2 else self.step_aside()
+
+    def step_aside(self):
+        """Goes up and out of PSM1's way."""
+        offset = REST_2 - self.position2
+        offset[:2] *= np.clip((self.position2[2] - 3.87) / 0.03, 0.0, 1.0)
+        return _move(offset, jaw=OPEN)
+
+    # What PSM1 does.
+
+    def wait(self):
+        """Goes to where it waits for the ring, out of a ring's hole first."""
+        offset = WAIT_1 - self.position1
+        offset[:2] *= np.clip((self.position1[2] - 3.56) / 0.05, 0.0, 1.0)
+        return _move(offset, -2 * self.pitch, CLOSE if self.position1[2] < 3.58 else OPEN, turn_speed=1.0)
+
+    def take_over(self):
+        """Waits for PSM2 to bring the ring, then takes it."""
+        if np.linalg.norm(self.centre - HANDOVER) > 0.06:
+            turn = self._grasping_pitch() - self.pitch
+            return _move(WAIT_1 - self.position1, 2 * turn, OPEN, turn_speed=1.0)
+        return self.take()
+
+    def take(self):
+        """Grasps the ring at its +y side, from there."""
+        if self._is_through_ring():
+            return _move(-0.06 * _psm1_tool(self.pitch), speed=0.6)
+        pitch = self._grasping_pitch()
+        rim = _Y - self.axis[1] * self.axis
+        rim = self.centre + RING_RADIUS * rim / np.linalg.norm(rim)
+        to_grasp = rim - GRIP_1 * _psm1_tool(pitch) - self.position1
+        return _grasp(to_grasp, _Y, 2 * (pitch - self.pitch), hover=0.05, turn_speed=1.0)
+
+    def _is_through_ring(self):
+        """Whether PSM1's gripper is through the ring, which it would take along."""
+        back = -_psm1_tool(self.pitch)
+        across = back @ self.axis
+        if abs(across) < 0.25:
+            return False
+        depth = (self.centre - self.tip1) @ self.axis / across
+        return 0.0 < depth < 0.1 and np.linalg.norm(self.tip1 + depth * back - self.centre) < HOLE_RADIUS
+
+    def _grasping_pitch(self):
+        """Pitch at which the jaws close along the ring's axis."""
+        pitch = _half_turn(np.arctan2(self.axis[2], self.axis[0]), -np.pi / 3)
+        return np.clip(pitch, -PITCH_LIMIT, PITCH_LIMIT)
+
+    def put_down(self):
+        """Lays the ring flat on the way to the peg, lowers it around the peg and lets go."""
+        if self.held2 or self._is_beside_psm2():
+            return _move(_STILL)
+        if self.is_around_peg() and self.centre[2] < RELEASE_HEIGHT:
+            return self.back_off()
+        pitch = _half_turn(self.pitch + np.arctan2(self.axis[0], self.axis[2]), -np.pi / 6)
+        if abs(self.axis[1]) > 0.7 or pitch > np.deg2rad(125):
+            return _move(_STILL, jaw=OPEN)  # cannot be laid flat like this: drops it, to begin again
+        turn = min(pitch, PITCH_LIMIT) - self.pitch
+        offset = GOAL - self.centre
+        away = max(np.hypot(offset[0], offset[1]), 0.05 * abs(turn))
+        if away > 0.03 or self.centre[2] > 3.6:
+            offset = self._way(np.array([*GOAL[:2], 3.63]))
+        if away < 0.034:
+            height = RELEASE_HEIGHT - 0.004 + np.clip(5 * (away - 0.006), 0.0, 0.14)
+            offset[2] = height - self.centre[2]
+        return _move(offset, 2 * turn, CLOSE, turn_speed=1.0)
+
+    def _is_beside_psm2(self):
+        """Whether PSM2 has not left yet; until then PSM1's grasp may be by friction alone."""
+        x, y, z = self.position2 - TIP_OFFSET * _Z - self.grip1
+        return np.hypot(x, y) < 0.1 and z < 0.04
+
+    def back_off(self):
+        """Opens the jaws and draws them off the ring, then stays beside it."""
+        offset = np.array([2.73, 0.36, 3.53]) - self.position1
+        offset[[0, 2]] *= np.clip((self.position1[1] - 0.30) / 0.03, 0.0, 1.0)
+        return _move(offset, jaw=OPEN)
+
+    def draw_nearer(self):
+        """Puts the closed jaws into a flat ring's hole and draws it towards PSM2, around the goal's peg."""
+        x, y, z = self.centre
+        beside = x - GOAL[0]
+        side = 1.0 if beside > 0 else -1.0
+        if self.tip1_in_hole():
+            sideways = y > GOAL[1] and abs(beside) < 0.066
+            offset = np.array([0.1 * side, -0.06, 0.0]) if sideways else -0.1 * _Y
+            offset = offset * np.clip((z + 0.006 - self.tip1[2]) / 0.004, 0.0, 1.0)
+            offset[2] = z - 0.0005 - self.tip1[2]
+            return _move(offset, -2 * self.pitch, CLOSE, speed=0.2 if sideways else 0.4)
+        # Not in the middle of the hole if the gripper would meet the peg there.
+        shift = side * np.clip(0.032 - abs(beside), 0.0, 0.022) if 0.04 < y < GOAL[1] + 0.01 else 0.0
+        to_hole = self.centre + (shift, 0.0, -0.0005) - self.position1 - TIP_OFFSET * _psm1_tool(0.0)
+        misalignment = max(np.hypot(to_hole[0], to_hole[1]), 0.05 * abs(self.pitch))
+        # Under the hanging pegs from the front, elsewhere from above.
+        under_pegs = x < HANGING_TIP_X + 0.04
+        to_hole[2] += np.clip(5 * (misalignment - 0.006), 0.0, 0.05 if under_pegs else 0.12)
+        if under_pegs and self.tip1[2] > z + 0.08:
+            to_hole[0] = max(to_hole[0], HANGING_TIP_X + 0.06 - self.position1[0])
+        return _move(to_hole, -2 * self.pitch, CLOSE, gain=FAST_GAIN, turn_speed=1.0)
