@@ -219,6 +219,7 @@ class GoalEnv(gym.Env):
     @property
     def segment_names(self):
         """What the numbers of a segmentation stand for: its pixels are indices into this tuple."""
+        self._check_open()
         return self._get_stage().names
 
     def close(self):

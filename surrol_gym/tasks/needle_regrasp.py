@@ -49,13 +49,14 @@ class NeedleRegraspEnv(PSMEnv):
 
     ## Action Space
 
-    `Box(-1, 1, (10,), float32)`. One step is 0.2 s. 0 to 4 are for PSM1, 5 to 9 the same for PSM2.
+    `Box(-1, 1, (10,), float32)`. One step is 0.2 s.
 
     | Index | Action | Effect of 1 |
     | --- | --- | --- |
-    | 0, 1, 2 | motion of link 5 along world x, y, z | 0.05 su (10 mm) |
-    | 3 | pitch: turn of the tool about itself, within [-90, 90] degrees | 15 degrees |
-    | 4 | jaws: negative closes them, 0 and above opens them to 40 degrees | |
+    | 0, 1, 2 | motion of PSM1's link 5 along world x, y, z | 0.05 su (10 mm) |
+    | 3 | pitch: turn of its tool about itself, within [-90, 90] degrees | 15 degrees |
+    | 4 | its jaws: negative closes them, 0 and above opens them to 40 degrees | |
+    | 5-9 | the same of PSM2 | |
 
     Link 5 stays within x [2.73, 3.02], z [3.526, 3.856]; PSM1 within y [0.03, 0.42], PSM2 within y [-0.42, -0.03].
 

@@ -1,5 +1,6 @@
 import pickle
 import random
+import re
 import subprocess
 import sys
 
@@ -176,6 +177,28 @@ def test_a_reset_without_seed_draws_another_start(env):
     first, _ = env.reset(seed=0)
     others = [env.reset()[0] for _ in range(8)]  # BiPegBoard has no more than three starts
     assert any(snapshot(first) != snapshot(other) for other in others)
+
+
+def test_docstrings_have_the_sections_of_gymnasium_robotics_and_explain_every_number(env):
+    documentation = type(env.unwrapped).__doc__
+    sections = [line.strip().removeprefix("## ") for line in documentation.splitlines() if "## " in line]
+    assert sections == [
+        *("Description", "Action Space", "Observation Space", "Rewards", "Starting State", "Episode End"),
+        *("Arguments", "Version History"),
+    ]
+    explained = {"observation": set(), "action": set()}
+    for line in documentation.split("## Rewards")[0].splitlines():
+        cells = line.strip().strip("|").split("|")
+        indices = cells[0].strip().replace(" - ", "-")
+        if re.fullmatch(r"\d+(-\d+)?(, \d+(-\d+)?)*", indices):
+            kind = "observation" if len(cells) == 2 else "action"
+            for part in indices.split(","):
+                first, _, last = part.strip().partition("-")
+                explained[kind].update(range(int(first), int(last or first) + 1))
+    assert explained["observation"] == set(range(SIZES[env.unwrapped.task][0]))
+    assert explained["action"] == set(range(SIZES[env.unwrapped.task][2]))
+    for camera in env.unwrapped.cameras:
+        assert f'"{camera}"' in documentation
 
 
 def test_tasks_describe_themselves_in_a_sentence(env):
