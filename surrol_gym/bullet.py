@@ -132,9 +132,8 @@ class World:
         self.client.changeDynamics(body, -1, activationState=_SLEEP)
 
     def park(self, body):
-        """Leaves a body out of an episode: asleep where ``restore_built`` put it, far from everything."""
-        self.client.resetBaseVelocity(body, (0, 0, 0), (0, 0, 0))
-        self.client.changeDynamics(body, -1, activationState=_SLEEP)
+        """Leaves a body out of an episode: asleep, far from everything."""
+        self.lay(body, _far_away(body))
 
     def pose(self, body):
         """Returns position (3,), su, and quaternion (x, y, z, w) of a body's centre-of-mass frame, world frame."""
@@ -167,7 +166,7 @@ class World:
         for body, _, _ in self._moving:
             if self.client.getDynamicsInfo(body, -1)[0] > 0:
                 # Far apart, no two bodies form a pair, so going back to this moment drops all that pairs remember.
-                self.place(body, (0.0, 0.0, 20.0 + 5.0 * body))
+                self.place(body, _far_away(body))
         self._as_built = self.client.saveState()
 
     def get_state(self):
@@ -247,6 +246,10 @@ def disconnect(client):
     """Ends a client; ending it twice is harmless."""
     with suppress(pybullet.error):
         client.disconnect()
+
+
+def _far_away(body):
+    return 0.0, 0.0, 20.0 + 5.0 * body
 
 
 def _rests(velocity, joints):

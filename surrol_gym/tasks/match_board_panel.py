@@ -15,8 +15,9 @@ LID_POSITION = np.array((2.625, -0.1, 3.4229))
 """Where the closed lid of row 0 is, su; the other rows follow along x."""
 HANDLE = np.array((0.0, 0.18125, 0.0125))
 """Handle in the frame of its lid, su."""
-SPINNING_FRICTION = 1.0
-"""Of the jaws, as in SurRoL's gripper for this task (facts, section 1.2)."""
+JAW_FRICTION = 2.0
+"""Of the jaws, instead of 1. SurRoL's resist the letter's swinging by spinning friction, which PyBullet does not compute
+the same way every time (facts, section 1.2)."""
 
 LID_FRICTION = 240.0
 """Push that a lid withstands, N su (facts, section 4.8)."""
@@ -140,7 +141,7 @@ class MatchBoardPanelEnv(PSMEnv):
     def _build_scene(self):
         super()._build_scene()
         for jaw in JAWS:
-            self.world.client.changeDynamics(self.arms[0].body, jaw, spinningFriction=SPINNING_FRICTION)
+            self.world.client.changeDynamics(self.arms[0].body, jaw, lateralFriction=JAW_FRICTION)
         self._letter = self.world.load("letter_C.urdf", (3.005, 0.185, 3.389), fixed=False)
         self._panel = self.world.load("match_panel.urdf", PANEL_POSITION)
         self.world.client.setJointMotorControlArray(

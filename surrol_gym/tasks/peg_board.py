@@ -136,6 +136,11 @@ class Block:
         """Direction of the corner that is most on top."""
         return -self.walls[self.walls[:, 2].argmin()]
 
+    def is_threaded(self, goal):
+        """Whether the goal's peg, whose frame is at ``goal``, is well inside the hole."""
+        across = np.hypot(*(goal - self.centre)[:2])
+        return self.stands and across < 0.008 and self.centre[2] < goal[2] + 0.04
+
     @property
     def clears_pegs(self):
         """Whether it is above all pegs."""

@@ -118,7 +118,8 @@ class PegTransferEnv(PSMEnv):
         rest = goal - (0.0, 0.0, REST)
         block = Block(observation["achieved_goal"], state[16:19], ground=rest[2], tip=goal[2] + PEG_TIP)
         hand = Hand(state[:7], block, PegTransferEnv.mounts[0].limits())
-        if is_on_peg(block.centre, goal) and not (hand.holds and block.centre[2] > goal[2]):
+        # Once the peg is in the hole the block falls the rest of the way; a tilted one might jam if it were lowered.
+        if block.is_threaded(goal) or (is_on_peg(block.centre, goal) and not hand.holds):
             return hand.retreat()
         if not hand.holds:
             return hand.grasp()
