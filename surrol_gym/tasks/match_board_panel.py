@@ -16,8 +16,8 @@ LID_POSITION = np.array((2.625, -0.1, 3.4229))
 HANDLE = np.array((0.0, 0.18125, 0.0125))
 """Handle in the frame of its lid, su."""
 JAW_FRICTION = 2.0
-"""Of the jaws, instead of 1. SurRoL's resist the letter's swinging by spinning friction, which PyBullet does not compute
-the same way every time (facts, section 1.2)."""
+"""Of the jaws, instead of 1. SurRoL's resist the letter's swinging by spinning friction (facts, section 1.2), which
+PyBullet does not compute the same way every time."""
 
 LID_FRICTION = 240.0
 """Push that a lid withstands, N su (facts, section 4.8)."""
