@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from surrol_gym.assets import meshes
-from surrol_gym.assets.urdf import collision, link, node, obj, visual, write_urdf
+from surrol_gym.assets.urdf import collision, link, obj, obj_hulls, visual, write_urdf
 from surrol_gym.units import SCALING
 
 SU = 1 / SCALING
@@ -186,17 +186,6 @@ def _convex(points: np.ndarray) -> np.ndarray:
     return np.array(chains)
 
 
-def write_hulls(path: Path, parts: list[meshes.Mesh]) -> None:
-    """Writes an OBJ of several objects; PyBullet makes one convex hull of each."""
-    lines, first = ["# Written by surrol_gym.assets.generate; do not edit."], 1
-    for number, (vertices, faces) in enumerate(parts):
-        lines.append(f"o part{number}")
-        lines += ["v {:.6f} {:.6f} {:.6f}".format(*vertex) for vertex in vertices + 0.0]
-        lines += ["f {} {} {}".format(*face) for face in faces + first]
-        first += len(vertices)
-    path.write_text("\n".join(lines) + "\n", newline="\n")
-
-
 def _write_piece(folder: Path, name: str, glyph: str, mass: float, scale: float) -> None:
     """A loose piece, its link origin and centre of mass the glyph's origin."""
     height = 0.003 if glyph == "1" else HALF_HEIGHT
@@ -208,8 +197,7 @@ def _write_piece(folder: Path, name: str, glyph: str, mass: float, scale: float)
     felt = height - MARGIN if glyph == "1" else height
     # The margin does not scale with the piece: a smaller piece is 0.1 mm wider than it looks, which does no harm.
     flat = [np.array([np.c_[hull, np.full(len(hull), z)] for z in (-felt, felt)]) for hull in hulls(glyph)]
-    write_hulls(folder / f"{name}_hulls.obj", [meshes.loft(SU * scale * rings) for rings in flat])
-    shape = node("mesh", filename=f"{name}_hulls.obj")
+    shape = obj_hulls(folder, f"{name}_hulls", [meshes.loft(SU * scale * rings) for rings in flat])
     shapes = [visual(obj(folder, name, (scale * look[0], look[1])), COLOURS[glyph]), collision(shape)]
     write_urdf(folder, name, link(name, *shapes, mass=mass, size=scale * size, friction=1))
 

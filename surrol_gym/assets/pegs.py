@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from surrol_gym.assets import meshes
-from surrol_gym.assets.urdf import BLACK, QUARTER, SKIN, collision, link, node, obj, visual, write_urdf
+from surrol_gym.assets.urdf import BLACK, QUARTER, SKIN, collision, link, node, obj, obj_hulls, visual, write_urdf
 
 BLUE = (0.05, 0.4, 0.82)
 RED = (0.86, 0.17, 0.14)
@@ -54,7 +54,7 @@ def write_block(folder: Path, name: str, colour: tuple) -> None:
         prism = meshes.loft([np.c_[section, np.full(len(section), z)] for z in (-half, half)])
         pieces.append(meshes.place(prism, (0, 0, 0), (0, 0, np.radians(azimuth))))
     look = visual(obj(folder, "block", _block_mesh()), colour)
-    felt = collision(_hulls(folder, "block_hulls", pieces))
+    felt = collision(obj_hulls(folder, "block_hulls", pieces))
     write_urdf(folder, name, link(name, look, felt, mass=0.01, size=(0.0147, 0.0169, 0.015), friction=1))
 
 
@@ -103,7 +103,7 @@ def write_ring(folder: Path, name: str, colour: tuple) -> None:
     pieces = [meshes.loft(_sections(major, reach, angle, ends + 2 * np.pi * turn / count)) for turn in range(count)]
     seen = _sections(major, minor, 2 * np.pi * np.arange(12) / 12, 2 * np.pi * np.arange(41) / 40)
     look = visual(obj(folder, "ring", meshes.loft(seen, caps=False)), colour)
-    felt = collision(_hulls(folder, "ring_hulls", pieces))
+    felt = collision(obj_hulls(folder, "ring_hulls", pieces))
     ring = link(name, look, felt, mass=0.01, size=(0.0024, 0.019, 0.019), friction=1)
     # Contacts that take back half of an overlap in a sub-step. By PyBullet's default, a fifth, the jaws sink half the
     # tube's thickness into so light a body and hold it badly; taking back more, they shoot it away.
@@ -112,22 +112,6 @@ def write_ring(folder: Path, name: str, colour: tuple) -> None:
         [node("stiffness", value=stiffness), node("damping", value=stiffness / 240 * (1 / 0.5 - 1))]
     )
     write_urdf(folder, name, ring)
-
-
-def _hulls(folder: Path, name: str, pieces: list[meshes.Mesh]) -> ET.Element:
-    """Writes convex pieces into one OBJ, and returns the geometry in which PyBullet makes a hull of each.
-
-    Pieces placed by the URDF instead would be boxed, turned and boxed again: PyBullet takes the inertia from such
-    boxes, and tests more pairs for contact.
-    """
-    lines, offset = ["# Written by surrol_gym.assets.generate; do not edit."], 1
-    for number, (points, faces) in enumerate(pieces):
-        lines.append(f"o piece_{number}")
-        lines += ["v {:.6f} {:.6f} {:.6f}".format(*point) for point in np.round(points, 6) + 0.0]
-        lines += ["f {} {} {}".format(*face) for face in faces + offset]
-        offset += len(points)
-    (folder / f"{name}.obj").write_text("\n".join(lines) + "\n", newline="\n")
-    return node("mesh", filename=f"{name}.obj")
 
 
 def _capsule(radius: float, start: tuple, end: tuple) -> ET.Element:

@@ -40,6 +40,22 @@ def obj(folder: Path, name: str, mesh: meshes.Mesh) -> ET.Element:
     return node("mesh", filename=f"{name}.obj")
 
 
+def obj_hulls(folder: Path, name: str, pieces: list[meshes.Mesh]) -> ET.Element:
+    """Writes convex pieces into one OBJ, and returns the geometry in which PyBullet makes a hull of each.
+
+    Pieces placed by the URDF instead would be boxed, turned and boxed again: PyBullet takes the inertia from such
+    boxes, and tests more pairs for contact.
+    """
+    lines, offset = ["# Written by surrol_gym.assets.generate; do not edit."], 1
+    for number, (points, faces) in enumerate(pieces):
+        lines.append(f"o piece_{number}")
+        lines += ["v {:.6f} {:.6f} {:.6f}".format(*point) for point in np.round(points, 6) + 0.0]
+        lines += ["f {} {} {}".format(*face) for face in faces + offset]
+        offset += len(points)
+    (folder / f"{name}.obj").write_text("\n".join(lines) + "\n", newline="\n")
+    return node("mesh", filename=f"{name}.obj")
+
+
 def visual(geometry: ET.Element, colour: tuple, xyz: tuple = (0, 0, 0), rpy: tuple = (0, 0, 0)) -> ET.Element:
     """A coloured shape that is seen but not felt."""
     name = "_".join(f"{round(255 * channel):03d}" for channel in colour)
