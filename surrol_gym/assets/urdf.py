@@ -49,7 +49,7 @@ def obj_hulls(folder: Path, name: str, pieces: list[meshes.Mesh]) -> ET.Element:
     lines, offset = ["# Written by surrol_gym.assets.generate; do not edit."], 1
     for number, (points, faces) in enumerate(pieces):
         lines.append(f"o piece_{number}")
-        lines += ["v {:.6f} {:.6f} {:.6f}".format(*point) for point in np.round(points, 6) + 0.0]
+        lines += ["v {:z.6f} {:z.6f} {:z.6f}".format(*point) for point in points]
         lines += ["f {} {} {}".format(*face) for face in faces + offset]
         offset += len(points)
     (folder / f"{name}.obj").write_text("\n".join(lines) + "\n", newline="\n")
