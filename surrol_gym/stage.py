@@ -33,6 +33,10 @@ class Camera:
         return view, pybullet.computeProjectionMatrixFOV(self.field_of_view, aspect, _NEAR, _FAR)
 
 
+OVERVIEW = Camera(eye=(7.588, 0.0, 6.400), target=(-0.25, 0.0, 1.875))
+"""The whole table with its arms, as SurRoL's far view shows it (facts, section 4)."""
+
+
 class Stage:
     """Shows what a ``surrol_gym.bullet.World`` holds.
 

@@ -5,7 +5,7 @@ import numpy as np
 from surrol_gym.envs.grasping import Grasp, exclude_each_other
 from surrol_gym.envs.psm_env import Mount, PSMEnv, psm2, robot_state_names, rpy, xyz
 from surrol_gym.experts import CLOSE, OPEN, Target
-from surrol_gym.stage import Camera
+from surrol_gym.stage import OVERVIEW, Camera
 from surrol_gym.tasks.peg_board import CARRIED, REST, Block, Hand, PegBoard, is_on_peg
 
 PEG_TIP = 0.042
@@ -88,7 +88,7 @@ class BiPegTransferEnv(PSMEnv):
     task_description = "Hand the red block from the second arm to the first and put it on the marked peg."
     cameras = {
         "closeup": Camera(eye=(3.55, 0.0, 4.35), target=(2.73, 0.0, 3.55), field_of_view=42.0),
-        "overview": Camera(eye=(7.588, 0.0, 6.400), target=(-0.25, 0.0, 1.875)),
+        "overview": OVERVIEW,
         "both_arms": Camera(eye=(5.2, 0.0, 5.3), target=(2.5, 0.0, 3.75)),
     }
     observation_names = (

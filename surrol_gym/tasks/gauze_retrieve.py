@@ -6,7 +6,7 @@ from surrol_gym.envs.grasping import Grasp
 from surrol_gym.envs.psm_env import Mount, PSMEnv, robot_state_names, rpy, xyz
 from surrol_gym.experts import Target, grasp
 from surrol_gym.psm.arm import TIP_OFFSET
-from surrol_gym.stage import Camera
+from surrol_gym.stage import OVERVIEW, Camera
 
 TRAY_POSITION = (2.75, 0.0, 3.3798)
 DROP_HEIGHT = 3.436
@@ -91,7 +91,7 @@ class GauzeRetrieveEnv(PSMEnv):
     task_description = "Pick up the gauze and bring it to the goal."
     cameras = {
         "closeup": Camera(eye=(3.75, 0.0, 4.35), target=(2.74, 0.0, 3.53), field_of_view=40.0),
-        "overview": Camera(eye=(7.588, 0.0, 6.400), target=(-0.25, 0.0, 1.875)),
+        "overview": OVERVIEW,
     }
     observation_names = (
         *robot_state_names("psm1"),

@@ -8,7 +8,7 @@ from surrol_gym.envs.grasping import Grasp
 from surrol_gym.envs.psm_env import Mount, PSMEnv, robot_state_names, rpy, xyz
 from surrol_gym.experts import CLOSE, OPEN, Target, grasp, nearest_yaw
 from surrol_gym.psm.arm import TIP_OFFSET, euler_to_matrix
-from surrol_gym.stage import Camera
+from surrol_gym.stage import OVERVIEW, Camera
 
 GLYPHS = "012456ABC"
 """The pieces in the order of their class numbers; on the board they fill rows of three."""
@@ -156,7 +156,7 @@ class MatchBoardEnv(PSMEnv):
     task_description = "Put the piece into its recess of the board."
     cameras = {
         "closeup": Camera(eye=(3.45, 0.0, 4.25), target=(2.73, 0.0, 3.46), field_of_view=34.0),
-        "overview": Camera(eye=(7.588, 0.0, 6.400), target=(-0.25, 0.0, 1.875)),
+        "overview": OVERVIEW,
     }
     observation_names = (
         *robot_state_names("psm1"),

@@ -3,7 +3,7 @@
 import numpy as np
 import pybullet
 
-from surrol_gym.stage import Camera
+from surrol_gym.stage import OVERVIEW, Camera
 
 TRAY_POSITION = (2.75, 0.0, 3.3868)
 DROP_HEIGHT = 3.436
@@ -18,7 +18,7 @@ _RIGHT = (0.0135, 0.0866, 0.0), pybullet.getQuaternionFromEuler((0.0, 0.0, np.de
 
 CAMERAS = {
     "closeup": Camera(eye=(3.75, 0.0, 4.35), target=(2.74, 0.0, 3.53), field_of_view=40.0),
-    "overview": Camera(eye=(7.588, 0.0, 6.400), target=(-0.25, 0.0, 1.875)),
+    "overview": OVERVIEW,
 }
 
 

@@ -7,7 +7,7 @@ from surrol_gym.envs.grasping import Grasp, exclude_each_other
 from surrol_gym.envs.psm_env import PITCH, Mount, PSMEnv, psm2, robot_state_names, rpy, xyz
 from surrol_gym.experts import CLOSE, OPEN, Target
 from surrol_gym.psm.arm import JAW_CLOSED, TIP_OFFSET
-from surrol_gym.stage import Camera
+from surrol_gym.stage import OVERVIEW, Camera
 from surrol_gym.tasks.needle import Needle
 
 GOAL_CENTRE, GOAL_SCATTER = np.array([2.875, -0.225, 3.651]), 0.025
@@ -115,7 +115,7 @@ class NeedleRegraspEnv(PSMEnv):
     cameras = {
         "closeup": Camera(eye=(3.75, 0.0, 4.05), target=(2.85, 0.0, 3.66), field_of_view=40.0),
         "both_arms": Camera(eye=(5.3, 0.0, 4.8), target=(2.3, 0.0, 4.0), field_of_view=40.0),
-        "overview": Camera(eye=(7.588, 0.0, 6.400), target=(-0.25, 0.0, 1.875)),
+        "overview": OVERVIEW,
     }
     observation_names = (
         *robot_state_names("psm1"),

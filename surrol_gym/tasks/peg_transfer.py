@@ -4,7 +4,7 @@ import numpy as np
 
 from surrol_gym.envs.grasping import Grasp
 from surrol_gym.envs.psm_env import Mount, PSMEnv, robot_state_names, rpy, xyz
-from surrol_gym.stage import Camera
+from surrol_gym.stage import OVERVIEW, Camera
 from surrol_gym.tasks.peg_board import REST, Block, Hand, PegBoard, is_on_peg
 
 PEG_TIP = 0.07
@@ -77,7 +77,7 @@ class PegTransferEnv(PSMEnv):
     task_description = "Transfer the red block to the marked peg."
     cameras = {
         "closeup": Camera(eye=(3.55, 0.0, 4.35), target=(2.73, 0.0, 3.55), field_of_view=42.0),
-        "overview": Camera(eye=(7.588, 0.0, 6.400), target=(-0.25, 0.0, 1.875)),
+        "overview": OVERVIEW,
     }
     observation_names = (
         *robot_state_names("psm1"),

@@ -9,7 +9,7 @@ import pybullet
 from surrol_gym.envs.grasping import Grasp
 from surrol_gym.envs.psm_env import Mount, PSMEnv, robot_state_names, rpy, xyz
 from surrol_gym.experts import CLOSE, OPEN, Target, grasp, nearest_yaw
-from surrol_gym.stage import Camera
+from surrol_gym.stage import OVERVIEW, Camera
 
 COLOURS = ("red", "green")
 TRAY_POSITION = (2.75, 0.0, 3.3755)
@@ -125,7 +125,7 @@ class PickAndPlaceEnv(PSMEnv):
     task_description = "Put the red jack into the red pot and the green jack into the green pot."
     cameras = {
         "closeup": Camera(eye=(3.45, 0.015, 4.25), target=(2.73, 0.015, 3.46), field_of_view=32.0),
-        "overview": Camera(eye=(7.588, 0.0, 6.400), target=(-0.25, 0.0, 1.875)),
+        "overview": OVERVIEW,
     }
     observation_names = (
         *robot_state_names("psm1"),
