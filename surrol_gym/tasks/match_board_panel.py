@@ -4,7 +4,7 @@ import numpy as np
 import pybullet
 
 from surrol_gym.envs.psm_env import Mount, PSMEnv, robot_state_names, rpy, xyz
-from surrol_gym.experts import CLOSE, OPEN, Target
+from surrol_gym.experts import CLOSE, OPEN, Target, nearest_yaw
 from surrol_gym.psm.arm import JAWS
 from surrol_gym.stage import Camera
 
@@ -32,6 +32,12 @@ ARC_OFFSET, ARC_RADIUS = 0.0052, 0.0272
 """Centre of the letter's arc, ahead of its centre of mass, and the radius of its middle line."""
 GRASP_HEIGHT = 0.0431
 """Height of link 5 above the letter in the grasp."""
+GRASP_ANGLES = np.pi + np.deg2rad((0, 90, -90, 45, -45, 130, -130))
+"""Where along its arc the letter may be grasped: at its back, at both arms, in between and at its ends."""
+GRASP_COSTS = 0.001 * np.array((0, 3, 3, 4, 4, 5, 5))
+"""What each grasp is worse than the one at the back, in the unit of obstructions."""
+OBSTRUCTED = 4.0
+"""Weight of an obstruction when grasps, or the two sides of a standing letter, are compared."""
 PARKED = np.array((3.005, 0.185, 3.3882))
 """Where a letter is put down that is in the way of the lid."""
 CLOSED = 0.004
@@ -40,8 +46,12 @@ CARRY_SPEED = 0.7
 """Largest action along an axis with the letter between the jaws."""
 REST = 0.0045
 """Height of a letter that lies in its cell above its goal."""
-TRANSIT = 3.52
-"""Height of link 5 at which whatever it carries passes above lids and handles."""
+FLAT = 0.8
+"""A letter whose plane leans further, by the vertical part of its normal, stands or leans and cannot be grasped."""
+TOPPLE_HEIGHT, RUN_UP, TOPPLE_SPEED = 0.06, 0.035, 0.5
+"""Height of link 5 above such a letter, how far beside it the push begins, and its largest action along an axis."""
+TRANSIT = 3.55
+"""Height of link 5 at which a letter that has swung down between its jaws still passes above lids and handles."""
 PUSH_HEIGHT = 0.048
 """Height of link 5 above the handle that it pushes."""
 TOUCH = 0.0106
@@ -175,10 +185,11 @@ class MatchBoardPanelEnv(PSMEnv):
     def expert_target(observation):
         """Open the lid, lay the letter in its cell, close the lid; each phase is recognised from the state.
 
-        Jaws that closed on nothing open again. A letter that lies where the lid passes is put aside first.
+        Jaws that closed on nothing open again. A letter that lies where the lid passes is put aside first, and one that
+        stands on its edge is pushed over.
         """
         state = observation["observation"]
-        position, yaw, jaw, letter = state[:3], state[5], state[6], state[7:10]
+        position, yaw, jaw, letter = state[:3], nearest_yaw(state[5]), state[6], state[7:10]
         goal, handle, slid = state[25:28], state[22:25], state[23] - state[29]
         grasps, yaws = _grasps(letter, state[18])
         to_grasps = grasps - position
@@ -198,38 +209,61 @@ class MatchBoardPanelEnv(PSMEnv):
                 if _lies_at(to_goal, held):
                     return Target(np.zeros(3), jaw=OPEN)
             return Target(_over(to_goal + (0.0, 0.0, 0.003), position), gain=GAIN, speed=CARRY_SPEED)
+        normal = _normal(state[16:19])
+        if abs(normal[2]) < FLAT:
+            return _topple(position, yaw, letter, normal, handle)
         on_the_way = abs(letter[0] - handle[0]) < 0.1 and letter[1] > 0.09 and letter[2] < handle[2] - 0.02
         if on_the_way and slid > max(letter[1] - 0.13, CLOSED):
             return _push(position, yaw, jaw, handle, side=1, to=state[29] - 0.001)
         if slid < OPEN_ENOUGH and not on_the_way:
             return _push(position, yaw, jaw, handle, side=-1, to=state[29] + OPEN_ENOUGH + 0.015)
-        best = np.argmin(_obstructions(grasps, yaws, handle) + (0.0, 0.003, 0.003))
-        to_grasp, turn = to_grasps[best], (yaws[best] - yaw + np.pi) % (2 * np.pi) - np.pi
+        best = np.argmin(OBSTRUCTED * _obstructions(grasps, yaws, handle) + GRASP_COSTS)
+        to_grasp, turn = to_grasps[best], yaws[best] - yaw
         there = max(lateral[best], abs(height), 0.05 * abs(turn)) < 0.003
         return Target(_over(to_grasp, position, turn), turn, CLOSE if there and jaw > HELD_JAW[0] else OPEN, gain=GAIN)
 
 
 def _grasps(letter, yaw):
-    """Where link 5 may grasp the letter, shape (3, 3), su, and the yaws of the jaws: at its back and at both arms."""
-    along = np.array((yaw + np.pi, yaw + np.pi / 2, yaw - np.pi / 2))
-    outward = np.stack([np.cos(along), np.sin(along), np.zeros(3)], axis=1)
+    """Where link 5 may grasp the letter, one place for each of ``GRASP_ANGLES``, su, and the yaws of the jaws."""
+    along = yaw + GRASP_ANGLES
+    outward = np.stack([np.cos(along), np.sin(along), np.zeros_like(along)], axis=1)
     middle = letter - ARC_OFFSET * outward[0] + (0.0, 0.0, GRASP_HEIGHT)
     return middle + ARC_RADIUS * outward, along % np.pi
 
 
 def _obstructions(grasps, yaws, handle):
-    """How far open jaws at each grasp would reach out of the workspace, or onto the lid next to the open one, su."""
+    """How far open jaws at each grasp would reach out of the workspace or onto a lid, su."""
     x, y = grasps[:, 0], grasps[:, 1]
+    width, length = 0.008 + 0.0175 * np.abs(np.cos(yaws)), 0.008 + 0.0175 * np.abs(np.sin(yaws))
     outside = np.maximum(x - 3.018, 0.0) + np.maximum(-0.268 - y, 0.0)
-    across, width = x - handle[0], 0.006 + 0.0175 * np.abs(np.cos(yaws))
-    inside_row = np.maximum(np.abs(across) + width - 0.0625, 0.0)
-    beside_panel = np.maximum(2.94 - (x - width), 0.0)
-    return outside + np.where(y > 0.0875, 0.0, np.minimum(inside_row, beside_panel))
+    across, over_panel = np.abs(x - handle[0]), 0.19 - np.abs(x - PANEL_POSITION[0]) + width
+    closed_lids = np.minimum.reduce((across + width - 0.0625, over_panel, 0.0875 - y + length))
+    open_lid = np.minimum(0.0625 - across + width, y + length - handle[1] + 0.36875)
+    return outside + np.maximum(np.maximum(closed_lids, open_lid), 0.0)
 
 
 def _lies_at(offset, held):
     """Whether the letter lies where ``offset`` leads; while held it has to be nearer than later."""
     return np.hypot(offset[0], offset[1]) < (0.005 if held else 0.012) and offset[2] > -0.006
+
+
+def _normal(euler):
+    """The direction across the letter's plane, shape (3,)."""
+    return np.array(pybullet.getMatrixFromQuaternion(pybullet.getQuaternionFromEuler(euler)))[2::3]
+
+
+def _topple(position, yaw, letter, normal, handle):
+    """Pushes the letter over, across its plane, with jaws open along it: closed ones would slip through the C."""
+    across = normal * (1.0, 1.0, 0.0) / np.hypot(normal[0], normal[1])
+    jaws = np.arctan2(across[0], -across[1]) % np.pi
+    offset, turn = letter + (0.0, 0.0, TOPPLE_HEIGHT) - position, jaws - yaw
+    distance = offset @ across
+    if np.abs(offset - distance * across).max() < 0.01 and abs(turn) < 0.25:
+        return Target(offset + np.copysign(0.03, distance) * across, turn, OPEN, speed=TOPPLE_SPEED)
+    starts = offset + np.outer((-RUN_UP, RUN_UP), across)
+    obstructions = _obstructions(position + starts, np.full(2, jaws), handle)
+    start = starts[np.argmin(OBSTRUCTED * obstructions + 0.2 * np.linalg.norm(starts, axis=1))]
+    return Target(_over(start, position, turn), turn, OPEN, gain=GAIN)
 
 
 def _push(position, yaw, jaw, handle, side, to):

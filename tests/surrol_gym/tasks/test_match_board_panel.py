@@ -41,11 +41,11 @@ def slid(observation):
     return float(observation["observation"][20] + 0.1)
 
 
-def arrange(env, letter, opened):
+def arrange(env, letter, opened, euler=(0, 0, 0), seed=0):
     """Puts the letter somewhere and opens the lid over the goal's row; returns what the next step returns."""
-    observation, _ = env.reset(seed=0)
+    observation, _ = env.reset(seed=seed)
     panel, row = env._panel, round((observation["desired_goal"][0] - 2.625) / 0.125)
-    env.world.place(env._letter, letter)
+    env.world.place(env._letter, letter, pybullet.getQuaternionFromEuler(euler))
     env.world.client.resetJointState(panel, row, opened)
     for _ in range(2):
         returned = env.step(np.array((0, 0, 0, 0, CLOSE)))
@@ -281,3 +281,52 @@ def test_the_expert_puts_a_letter_aside_that_is_in_the_way_of_the_lid(env):
     for _ in range(180):
         observation, _, _, _, info = env.step(expert.act(observation))
     assert info["is_success"]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_letter_passes_above_the_handles_of_closed_lids(env, seed):
+    """Where it hits one it swings round between the jaws and falls."""
+    expert = surrol_gym.make_expert(env)
+    observation, _ = env.reset(seed=seed)
+    distances = []
+    for _ in range(60):
+        observation, *_ = env.step(expert.act(observation))
+        x, y, z = observation["observation"][7:10]
+        if x < 2.97 and abs(y - 0.08) < 0.08 and z > 3.45:
+            distances += [point[8] for point in env.world.client.getClosestPoints(env._letter, env._panel, 0.1)]
+    assert min(distances) > 0.015
+
+
+@pytest.mark.parametrize(
+    ("letter", "yaw", "seed"),
+    [
+        ((2.657, -0.266, CELL_REST), 0.63, 0),
+        ((2.65, -0.245, CELL_REST), 1.03, 0),
+        ((2.855, 0.126, REST_HEIGHT), -0.57, 2),
+    ],
+    ids=["near a closed lid and the limit", "near a closed lid", "between closed and open lid"],
+)
+def test_the_expert_grasps_the_letter_where_the_jaws_have_room(env, letter, yaw, seed):
+    expert = surrol_gym.make_expert(env)
+    observation, *_ = arrange(env, letter, 0.359, (0, 0, yaw), seed)
+    for _ in range(100):
+        observation, _, _, _, info = env.step(expert.act(observation))
+    assert info["is_success"]
+
+
+@pytest.mark.parametrize("yaw", [0.0, 1.6])
+def test_the_expert_pushes_a_letter_over_that_stands_on_its_edge(env, yaw):
+    expert = surrol_gym.make_expert(env)
+    observation, *_ = arrange(env, (2.97, 0.15, 3.406), 0.359, (np.pi / 2, 0, yaw))
+    assert observation["observation"][9] > 3.4
+    for _ in range(150):
+        observation, _, _, _, info = env.step(expert.act(observation))
+    assert info["is_success"]
+
+
+def test_the_expert_turns_the_tool_back_the_way_it_came(env):
+    """Half a turn away from the handle, a joint would stop the shorter way."""
+    observation, _ = env.reset(seed=0)
+    for yaw in (3.1, -3.1):
+        observation["observation"][5] = yaw
+        assert surrol_gym.make_expert(env).act(observation)[3] == pytest.approx(-0.4)
