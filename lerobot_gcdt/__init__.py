@@ -4,9 +4,10 @@ Importing the package registers the policy type ``gcdt`` and the environment typ
 """
 
 import surrol_gym  # noqa: F401 (registers the environment ids)
+from lerobot_gcdt.baselines.modeling_bc import BCPolicy
 from lerobot_gcdt.configuration_gcdt import GCDTConfig
 from lerobot_gcdt.modeling_gcdt import GCDTPolicy
 from lerobot_gcdt.processor_gcdt import make_gcdt_pre_post_processors
 from lerobot_gcdt.surrol_env import SurRoLEnvConfig
 
-__all__ = ["GCDTConfig", "GCDTPolicy", "SurRoLEnvConfig", "make_gcdt_pre_post_processors"]
+__all__ = ["BCPolicy", "GCDTConfig", "GCDTPolicy", "SurRoLEnvConfig", "make_gcdt_pre_post_processors"]

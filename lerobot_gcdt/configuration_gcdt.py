@@ -7,6 +7,9 @@ from lerobot.configs.types import NormalizationMode
 from lerobot.optim.optimizers import AdamWConfig
 from lerobot.optim.schedulers import CosineDecayWithWarmupSchedulerConfig
 
+SIZES = ("layers", "heads", "width", "inner_width", "max_timesteps")
+"""Options that decide the shapes of the shared weights."""
+
 
 @PreTrainedConfig.register_subclass("gcdt")
 @dataclass
@@ -19,13 +22,21 @@ class GCDTConfig(PreTrainedConfig):
         width: Size of a token.
         inner_width: Hidden size of the blocks' perceptrons.
         dropout: Dropout in the blocks.
-        context_length: Steps that a step may attend to, itself included, in training and at test time alike.
+        context_length: Steps that an action is predicted from, its own included, in training and at test time alike.
         max_timesteps: Size of the timestep embedding; later steps share its last entry.
         hindsight_ratio: Share of the training trajectories that are cut at a random step and relabelled with the goal
             achieved there; the rest are whole demonstrations. 1 gives the paper's mix: every frame of a demonstration
             once as a cut and, in place of its first frame, the demonstration itself.
         relative_goal: Whether a goal token also holds what is left to the goal: desired minus achieved goal. False is
             the paper's.
+        training_stage: ``"pretrain"``: all four objectives, usually on many tasks; ``"finetune"``: actions only.
+        dynamics_weight: Weight of the forward-dynamics objective in pretraining, beside 1 for the actions; 0 leaves it
+            out.
+        time_to_goal_weight: The same of time-to-goal prediction.
+        reconstruction_weight: The same of sequence reconstruction.
+        auxiliary_context_length: Steps in a piece of a trajectory that these three objectives read.
+        auxiliary_share: Share of the pieces of a batch that each of them reads. 1 is the paper's.
+        hidden_ratio: Share of the items that sequence reconstruction hides.
         dtype: ``"bfloat16"`` or ``"float32"``: arithmetic of the transformer in training (LeRobot hands it to
             Accelerate). Inference is always in float32.
         task_dims: Sizes ``[observation, goal, action]`` of each task, by task sentence. Filled from the dataset.
@@ -49,6 +60,13 @@ class GCDTConfig(PreTrainedConfig):
     max_timesteps: int = 100
     hindsight_ratio: float = 0.5
     relative_goal: bool = True
+    training_stage: str = "finetune"
+    dynamics_weight: float = 0.1
+    time_to_goal_weight: float = 0.1
+    reconstruction_weight: float = 0.1
+    auxiliary_context_length: int = 20
+    auxiliary_share: float = 0.33
+    hidden_ratio: float = 0.15
     dtype: str = "bfloat16"
 
     task_dims: dict[str, list[int]] = field(default_factory=dict)
@@ -68,14 +86,19 @@ class GCDTConfig(PreTrainedConfig):
 
     def __post_init__(self):
         super().__post_init__()
-        for name in ("layers", "heads", "width", "inner_width", "context_length", "max_timesteps"):
+        for name in (*SIZES, "context_length", "auxiliary_context_length"):
             if getattr(self, name) < 1:
                 raise ValueError(f"policy.{name} must be positive, got {getattr(self, name)}.")
         if self.width % self.heads:
             raise ValueError(f"policy.width ({self.width}) must be a multiple of policy.heads ({self.heads}).")
-        for name in ("dropout", "hindsight_ratio"):
+        for name in ("dropout", "hindsight_ratio", "auxiliary_share", "hidden_ratio"):
             if not 0 <= getattr(self, name) <= 1:
                 raise ValueError(f"policy.{name} must lie in [0, 1], got {getattr(self, name)}.")
+        for name in ("dynamics_weight", "time_to_goal_weight", "reconstruction_weight"):
+            if getattr(self, name) < 0:
+                raise ValueError(f"policy.{name} must not be negative, got {getattr(self, name)}.")
+        if self.training_stage not in ("pretrain", "finetune"):
+            raise ValueError(f"policy.training_stage must be 'pretrain' or 'finetune', got {self.training_stage!r}.")
         if self.optimizer_lr <= 0:
             raise ValueError(f"policy.optimizer_lr must be positive, got {self.optimizer_lr}.")
         if self.dtype not in ("bfloat16", "float32"):

@@ -4,13 +4,21 @@ import gc
 from dataclasses import dataclass
 
 import torch
+from lerobot.datasets.lerobot_dataset import LeRobotDataset
 from lerobot.datasets.streaming_dataset import StreamingLeRobotDataset
 from lerobot.policies.pretrained import PreTrainedPolicy
 from safetensors import safe_open
 from torch import Tensor, nn
 
 from lerobot_gcdt.configuration_gcdt import GCDTConfig
-from lerobot_gcdt.objectives import action_loss
+from lerobot_gcdt.merging import natural_dims
+from lerobot_gcdt.objectives import (
+    action_errors,
+    draw_hidden,
+    dynamics_loss,
+    reconstruction_loss,
+    time_to_goal_loss,
+)
 from lerobot_gcdt.tokens import ORDER, TaskModules, module_key
 from lerobot_gcdt.trajectories import (
     ACHIEVED_GOAL,
@@ -19,6 +27,7 @@ from lerobot_gcdt.trajectories import (
     REQUIRED_KEYS,
     STATE,
     TIME_TO_GOAL,
+    Pieces,
     Sequences,
     TrajectoryBank,
 )
@@ -75,12 +84,14 @@ class GCDTPolicy(PreTrainedPolicy):
                 for task, dims in config.task_dims.items()
             }
         )
+        self.hidden_tokens = nn.Parameter(torch.randn(TOKENS, config.width))
+        """Stand in the place of hidden items, one for each kind; as large as tokens, which are layer-normalised."""
         self.timestep_embedding = nn.Embedding(config.max_timesteps, config.width)
         nn.init.normal_(self.timestep_embedding.weight, std=0.02)
         self.transformer = Transformer(config.layers, config.heads, config.width, config.inner_width, config.dropout)
         for i, task in enumerate(self._dataset_tasks):
             frames = self._bank.task == i
-            self._modules_of(task).fit({key: value[frames] for key, value in self._bank.items.items()})
+            self.modules_of(task).fit({key: value[frames] for key, value in self._bank.items.items()})
         self.reset()
 
     # Training.
@@ -88,12 +99,13 @@ class GCDTPolicy(PreTrainedPolicy):
     def forward(self, batch: dict[str, Tensor], reduction: str = "mean") -> tuple[Tensor, dict[str, float]]:
         """Computes the loss of a batch of frames.
 
-        In training mode every frame stands for a trajectory: with probability ``hindsight_ratio`` the one cut there
-        and relabelled, otherwise its whole demonstration. In evaluation mode all are whole demonstrations.
+        Every frame stands for its episode, which is read in pieces of ``context_length`` steps. In training mode the
+        frames are spread evenly over the tasks, each piece is relabelled with probability ``hindsight_ratio``, and in
+        pretraining the auxiliary objectives are added. In evaluation mode the loss is that of the demonstrations.
 
         Args:
             batch: As LeRobot's loader gives it; of it only ``index``, shape (B,), is used.
-            reduction: ``"mean"``, or ``"none"`` for one loss a frame of the batch.
+            reduction: ``"mean"``, or ``"none"`` for one loss of the actions a frame of the batch.
 
         Returns:
             The loss, and what to log.
@@ -104,10 +116,23 @@ class GCDTPolicy(PreTrainedPolicy):
         if self._bank is None:
             raise RuntimeError("This policy was made for inference; to train it, pass dataset_meta to its constructor.")
         index = batch["index"].to(self._bank.first.device)
-        relabel = torch.rand(len(index), device=index.device) < self.config.hindsight_ratio * self.training
-        sequences = self._bank.sequences(index, relabel)
-        loss = action_loss(self.predict_actions(sequences), sequences, len(index), reduction)
-        return loss, {"action_loss": loss.mean().item()}
+        # What is drawn for a batch follows from its frames, so that a resumed training repeats it.
+        generator = torch.Generator().manual_seed(hash(tuple(index.tolist())) % 2**63)
+        if self.training:
+            index = self._bank.even(index)
+        sequences = self._draw(index, self.config.context_length, generator)
+        errors = action_errors(self, sequences)
+        if reduction == "none":
+            source = sequences.source[sequences.real]
+            total = torch.zeros(len(index), device=errors.device).index_add(0, source, errors)
+            return total / torch.bincount(source, minlength=len(index)), {}
+        loss = errors.mean()
+        log = {"action_loss": loss.item()}
+        if self.training and self.config.training_stage == "pretrain":
+            for name, (weight, auxiliary) in self._auxiliary_losses(index, generator).items():
+                loss = loss + weight * auxiliary
+                log[name] = auxiliary.item()
+        return loss, log
 
     def predict_actions(self, sequences: Sequences) -> Tensor:
         """Predicts the action of every step from what comes before it.
@@ -118,13 +143,41 @@ class GCDTPolicy(PreTrainedPolicy):
         Returns:
             Actions in [-1, 1], shape (R, S, largest action size of the tasks); 0 in padding.
         """
+        # An action that no later step may look back on needs no token.
+        keys = ORDER if self.config.context_length > 1 else ORDER[: ORDER.index(ACTION)]
+        hidden = self.encode(sequences, keys, self.config.context_length)[:, :, keys.index(STATE)]
+        with self._full_precision():
+            return self._act(hidden, {self._dataset_tasks[i]: steps for i, steps in sequences.by_task.items()})
+
+    def encode(
+        self,
+        sequences: Sequences,
+        keys: tuple[str, ...],
+        context_length: int | None = None,
+        causal: bool = True,
+        hidden: Tensor | None = None,
+    ) -> Tensor:
+        """Runs the transformer over some kinds of tokens.
+
+        Args:
+            sequences: Packed trajectories of the dataset's tasks.
+            keys: The kinds of tokens that take part, in their order within a step.
+            context_length: Steps that a step may attend to, itself included; None for all of its piece.
+            causal: Whether a token sees the past and itself only, or all of its piece.
+            hidden: Items to hide, booleans of shape (R, S, kinds).
+
+        Returns:
+            Hidden states of the tokens, shape (R, S, kinds, W), float32.
+        """
         r, s = sequences.segment.shape
         with self._full_precision():
-            tokens = self._tokenize(sequences)  # (R, S, 4, W)
-        hidden = self.transformer(tokens.flatten(1, 2), self._attention_mask(sequences))
-        hidden = hidden.view(r, s, TOKENS, -1)[:, :, ORDER.index(STATE)]
-        with self._full_precision():
-            return self._act(hidden.float(), self._steps_by_task(sequences))
+            tokens = self._tokenize(sequences, keys, hidden)  # (R, S, kinds, W)
+        mask = self._attention_mask(sequences, len(keys), context_length, causal)
+        return self.transformer(tokens.flatten(1, 2), mask).view(r, s, len(keys), -1).float()
+
+    def modules_of(self, task: int | str) -> TaskModules:
+        """Returns tokenizers and heads of a task, by its sentence or its index in the dataset."""
+        return self.tasks[module_key(self._dataset_tasks[task] if isinstance(task, int) else task)]
 
     # Inference.
 
@@ -217,59 +270,87 @@ class GCDTPolicy(PreTrainedPolicy):
                 "Record one with `gcdt record`."
             )
         # Nothing that LeRobot hands to a policy says how the dataset is loaded; the dataset itself holds its metadata.
-        if any(isinstance(owner, StreamingLeRobotDataset) for owner in gc.get_referrers(meta)):
+        owners = gc.get_referrers(meta)
+        if any(isinstance(owner, StreamingLeRobotDataset) for owner in owners):
             raise ValueError(
                 "GCDT reads whole trajectories into memory and cannot train on a streamed dataset; pass "
                 "--dataset.streaming=false."
             )
-        dims = [meta.features[key]["shape"][0] for key in (STATE, GOAL, ACTION)]
+        episodes = next((owner.episodes for owner in owners if isinstance(owner, LeRobotDataset)), None)
         self._dataset_tasks = list(meta.tasks.sort_values("task_index").index)
+        natural = natural_dims(meta)
         for task in self._dataset_tasks:
+            dims = natural[task]
             known = self.config.task_dims.get(task, dims)
             if list(known) != dims:
                 raise ValueError(
                     f"The policy knows {task!r} with the sizes {list(known)} of observation, goal and action, but the "
                     f"dataset {meta.repo_id} has {dims}."
                 )
-        self._bank = TrajectoryBank(meta.root, self.config.device)
-        for i, task in enumerate(self._dataset_tasks):
             self.config.task_dims[task] = dims
+        self._bank = TrajectoryBank(meta.root, self.config.device, episodes)
+        for i, task in enumerate(self._dataset_tasks):
             self.config.expected_steps.setdefault(task, self._bank.expected_steps(i))
+        self.action_sizes = torch.tensor([natural[task][2] for task in self._dataset_tasks], device=self.config.device)
 
-    def _modules_of(self, task: str) -> TaskModules:
-        return self.tasks[module_key(task)]
+    def _draw(self, index: Tensor, length: int, generator: torch.Generator, share: float = 1.0) -> Sequences:
+        """Draws relabelled pieces of the episodes of frames; a share of them, but one at least."""
+        pieces = self._bank.pieces(index, length)
+        if share < 1:
+            count = max(1, round(share * len(pieces.first)))
+            chosen = torch.randperm(len(pieces.first), generator=generator)[:count].to(index.device)
+            pieces = Pieces(pieces.first[chosen], pieces.last[chosen], pieces.source[chosen])
+        ratio = self.config.hindsight_ratio if self.training else 0.0
+        return self._bank.sequences(pieces, self._bank.draw_cuts(pieces, ratio, generator))
 
-    def _steps_by_task(self, sequences: Sequences) -> dict[str, tuple[Tensor, ...]]:
-        """Positions of the real steps of each task present, as indices into (R, S)."""
-        present = sequences.task[sequences.real].unique().tolist()
-        return {
-            self._dataset_tasks[i]: torch.nonzero(sequences.real & (sequences.task == i), as_tuple=True)
-            for i in present
-        }
+    def _auxiliary_losses(self, index: Tensor, generator: torch.Generator) -> dict[str, tuple[float, Tensor]]:
+        """Weight and value of the auxiliary objectives that are switched on, by name."""
+        config = self.config
 
-    def _tokenize(self, sequences: Sequences) -> Tensor:
-        """Tokens of packed trajectories, shape (R, S, 4, W); 0 in padding."""
-        tokens = self.timestep_embedding.weight.new_zeros(*sequences.segment.shape, TOKENS, self.config.width)
-        for task, steps in self._steps_by_task(sequences).items():
-            modules = self._modules_of(task)
-            time = self._embed_time(sequences.timestep[steps])  # (N, W)
+        def draw():
+            return self._draw(index, config.auxiliary_context_length, generator, config.auxiliary_share)
+
+        losses = {}
+        if config.dynamics_weight:
+            losses["dynamics_loss"] = config.dynamics_weight, dynamics_loss(self, draw())
+        if config.time_to_goal_weight:
+            losses["time_to_goal_loss"] = config.time_to_goal_weight, time_to_goal_loss(self, draw())
+        if config.reconstruction_weight:
+            sequences = draw()
+            hidden = draw_hidden(sequences, config.hidden_ratio, generator)
+            losses["reconstruction_loss"] = (
+                config.reconstruction_weight,
+                reconstruction_loss(self, sequences, hidden),
+            )
+        return losses
+
+    def _tokenize(self, sequences: Sequences, keys: tuple[str, ...], hidden: Tensor | None) -> Tensor:
+        """Tokens of packed trajectories, shape (R, S, kinds, W); 0 in padding."""
+        tokens = self.timestep_embedding.weight.new_zeros(*sequences.segment.shape, len(keys), self.config.width)
+        for task, steps in sequences.by_task.items():
+            modules = self.modules_of(task)
             items = {key: value[steps] for key, value in sequences.items.items()}
-            tokens[steps] = torch.stack([modules.tokenize(key, items) + time for key in ORDER], dim=1)
-        return tokens
+            tokens[steps] = torch.stack([modules.tokenize(key, items) for key in keys], dim=1)
+        if hidden is not None:
+            of_kind = self.hidden_tokens[[ORDER.index(key) for key in keys]]
+            tokens = torch.where(hidden[..., None], of_kind, tokens)
+        return tokens + self._embed_time(sequences.timestep)[:, :, None]
 
     def _embed_time(self, timestep: Tensor) -> Tensor:
         # Steps beyond the table share its last entry.
         return self.timestep_embedding(timestep.clamp(max=self.config.max_timesteps - 1))
 
-    def _attention_mask(self, sequences: Sequences) -> Tensor:
-        """Additive mask (R, 1, 4S, 4S): a token sees the past of its own trajectory, within the context length."""
+    def _attention_mask(self, sequences: Sequences, kinds: int, context_length: int | None, causal: bool) -> Tensor:
+        """Additive mask (R, 1, L, L), L = kinds x S: a token sees its own piece, or its past within it."""
         r, s = sequences.segment.shape
-        segment = sequences.segment.repeat_interleave(TOKENS, dim=1)
-        step = torch.arange(s, device=segment.device).repeat_interleave(TOKENS)
+        segment = sequences.segment.repeat_interleave(kinds, dim=1)
         allowed = segment[:, :, None] == segment[:, None, :]
-        allowed &= torch.ones(s * TOKENS, s * TOKENS, dtype=torch.bool, device=segment.device).tril()
-        allowed &= step[:, None] - step[None, :] < self.config.context_length
-        mask = torch.zeros(r, 1, s * TOKENS, s * TOKENS, device=segment.device, dtype=self._compute_dtype())
+        if causal:
+            allowed &= torch.ones(s * kinds, s * kinds, dtype=torch.bool, device=segment.device).tril()
+        if context_length is not None:
+            step = torch.arange(s, device=segment.device).repeat_interleave(kinds)
+            allowed &= step[:, None] - step[None, :] < context_length
+        mask = torch.zeros(r, 1, s * kinds, s * kinds, device=segment.device, dtype=self._compute_dtype())
         return mask.masked_fill(~allowed[:, None], float("-inf"))
 
     def _full_precision(self):
@@ -285,7 +366,7 @@ class GCDTPolicy(PreTrainedPolicy):
         size = max(self.config.task_dims[task][2] for task in rows)
         actions = hidden.new_zeros(*hidden.shape[:-1], size)
         for task, where in rows.items():
-            predicted = self._modules_of(task).predict_action(hidden[where])
+            predicted = self.modules_of(task).predict_action(hidden[where])
             actions[where] = nn.functional.pad(predicted, (0, size - predicted.shape[-1]))
         return actions
 
@@ -302,7 +383,7 @@ class GCDTPolicy(PreTrainedPolicy):
             rows = [i for i, t in enumerate(self._history.tasks) if t == task]
             of_task = {key: value[rows] for key, value in items.items()}
             for k, key in enumerate(keys):
-                tokens[rows, k] += self._modules_of(task).tokenize(key, of_task)
+                tokens[rows, k] += self.modules_of(task).tokenize(key, of_task)
         return tokens
 
     def _remember_tokens(self, steps: list[int]) -> Tensor:

@@ -8,6 +8,7 @@ and ends with the same dataset as one that was never interrupted.
 import json
 import os
 import shutil
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -220,9 +221,7 @@ def _build_dataset(env: gym.Env, wanted: Recording, kept: list[Path], parts: Pat
             )
         dataset.save_episode()
     dataset.finalize()
-    # LeRobot writes its statistics in the order of a set, which differs from process to process.
-    stats = building / "meta/stats.json"
-    stats.write_text(json.dumps(json.loads(stats.read_text()), indent=4, sort_keys=True) + "\n")
+    sort_statistics(building)
     facts = asdict(wanted) | {
         "seeds": [int(file.stem) for file in kept],
         "attempts": int(kept[-1].stem) - wanted.seed + 1,
@@ -237,20 +236,28 @@ def _features(env: gym.Env) -> dict[str, dict]:
     """The dataset's features, every number named by the environment."""
     unwrapped = env.unwrapped
 
-    def vector(names):
-        return {"dtype": "float32", "shape": (len(names),), "names": list(names)}
-
     goal = unwrapped.goal_names
     return {
-        STATE: vector(unwrapped.observation_names),
-        ENVIRONMENT_STATE: vector(goal),
-        GOAL: vector(goal),
-        ACHIEVED_GOAL: vector(goal),
-        TIME_TO_GOAL: vector(["steps"]),
-        ACTION: vector(unwrapped.action_names),
-        "next.reward": vector(["reward"]),
+        STATE: vector_feature(unwrapped.observation_names),
+        ENVIRONMENT_STATE: vector_feature(goal),
+        GOAL: vector_feature(goal),
+        ACHIEVED_GOAL: vector_feature(goal),
+        TIME_TO_GOAL: vector_feature(["steps"]),
+        ACTION: vector_feature(unwrapped.action_names),
+        "next.reward": vector_feature(["reward"]),
         "next.success": {"dtype": "bool", "shape": (1,), "names": ["success"]},
     }
+
+
+def vector_feature(names: Sequence[str]) -> dict:
+    """Returns LeRobot's description of a vector of named float32 numbers."""
+    return {"dtype": "float32", "shape": (len(names),), "names": list(names)}
+
+
+def sort_statistics(root: Path) -> None:
+    """Brings a dataset's statistics into order: LeRobot writes them in that of a set, which differs by process."""
+    stats = root / "meta/stats.json"
+    stats.write_text(json.dumps(json.loads(stats.read_text()), indent=4, sort_keys=True) + "\n")
 
 
 def _prepare_parts(wanted: Recording, parts: Path) -> None:

@@ -10,6 +10,10 @@ from lerobot_gcdt.trajectories import ACHIEVED_GOAL, ACTION, GOAL, STATE, TIME_T
 ORDER = (TIME_TO_GOAL, GOAL, STATE, ACTION)
 """Order of the four tokens of a step."""
 
+SMALLEST_STD = 0.01
+"""Smallest standard deviation that is scaled to one, su or radians: an angle that a task holds constant trembles by
+1e-4 in the demonstrations and by a hundred times as much when something goes wrong."""
+
 
 class ItemTokenizer(nn.Module):
     """Turns one kind of item into tokens: standardised, mapped linearly, layer-normalised.
@@ -27,18 +31,22 @@ class ItemTokenizer(nn.Module):
         self.norm = nn.LayerNorm(width)
 
     def fit(self, items: Tensor) -> None:
-        """Takes mean and standard deviation from items of shape (N, size); constant numbers are only centred."""
-        std, mean = torch.std_mean(items, dim=0)
+        """Takes mean and standard deviation, of ``SMALLEST_STD`` at least, from items of shape (N, size)."""
+        std, mean = torch.std_mean(items[:, : len(self.mean)], dim=0)
         self.mean.copy_(mean)
-        self.std.copy_(torch.where(std > 1e-4, std, 1.0))
+        self.std.copy_(std.clamp(min=SMALLEST_STD))
+
+    def standardise(self, items: Tensor) -> Tensor:
+        """Standardised items (..., size); numbers beyond the size are padding."""
+        return (items[..., : len(self.mean)] - self.mean) / self.std
 
     def forward(self, items: Tensor) -> Tensor:
-        """Tokens (..., width) of items (..., size); numbers beyond the size are padding."""
-        return self.norm(self.linear((items[..., : len(self.mean)] - self.mean) / self.std))
+        """Tokens (..., width) of items (..., size)."""
+        return self.norm(self.linear(self.standardise(items)))
 
 
 class TaskModules(nn.Module):
-    """What one task has of its own: a tokenizer for each kind of item and the action head.
+    """What one task has of its own: a tokenizer for each kind of item, and the linear heads of the objectives.
 
     Args:
         dims: Sizes of observation, goal and action.
@@ -51,11 +59,14 @@ class TaskModules(nn.Module):
         state, goal, action = dims
         self.goal_size = goal
         self.relative_goal = relative_goal
-        self.time_to_goal = ItemTokenizer(1, width)
-        self.goal = ItemTokenizer(2 * goal if relative_goal else goal, width)
-        self.state = ItemTokenizer(state, width)
-        self.action = ItemTokenizer(action, width)
+        goal_content = 2 * goal if relative_goal else goal
+        sizes = {TIME_TO_GOAL: 1, GOAL: goal_content, STATE: state, ACTION: action}
+        self.tokenizers = nn.ModuleDict({_name(key): ItemTokenizer(size, width) for key, size in sizes.items()})
         self.action_head = nn.Linear(width, action)
+        self.dynamics_head = nn.Linear(width, state)
+        self.time_to_goal_head = nn.Linear(width, 1)
+        sizes[GOAL] = goal  # what a goal token holds beside the goal is no item of its own
+        self.reconstruction_heads = nn.ModuleDict({_name(key): nn.Linear(width, size) for key, size in sizes.items()})
 
     def tokenize(self, key: str, items: dict[str, Tensor]) -> Tensor:
         """Makes the tokens of one kind.
@@ -74,8 +85,21 @@ class TaskModules(nn.Module):
         for key in (TIME_TO_GOAL, GOAL, STATE):
             self._tokenizer(key).fit(self._content(key, items))
 
+    def target(self, key: str, items: dict[str, Tensor]) -> Tensor:
+        """Returns what a head has to predict of one kind: the item itself, standardised, shape (..., size)."""
+        goal_size = self.goal_size if key == GOAL else None
+        return self._tokenizer(key).standardise(self._content(key, items))[..., :goal_size]
+
+    def predict_action(self, hidden: Tensor) -> Tensor:
+        """Maps the hidden states of observation tokens, shape (..., width), to actions in [-1, 1]."""
+        return torch.tanh(self.action_head(hidden))
+
+    def reconstruct(self, key: str, hidden: Tensor) -> Tensor:
+        """Maps the hidden states of hidden items of one kind, shape (..., width), to the standardised items."""
+        return self.reconstruction_heads[_name(key)](hidden)
+
     def _tokenizer(self, key: str) -> ItemTokenizer:
-        return {TIME_TO_GOAL: self.time_to_goal, GOAL: self.goal, STATE: self.state, ACTION: self.action}[key]
+        return self.tokenizers[_name(key)]
 
     def _content(self, key: str, items: dict[str, Tensor]) -> Tensor:
         if key != GOAL or not self.relative_goal:
@@ -83,11 +107,11 @@ class TaskModules(nn.Module):
         goal, achieved = items[GOAL][..., : self.goal_size], items[ACHIEVED_GOAL][..., : self.goal_size]
         return torch.cat([goal, goal - achieved], dim=-1)
 
-    def predict_action(self, hidden: Tensor) -> Tensor:
-        """Maps the hidden states of observation tokens, shape (..., width), to actions in [-1, 1]."""
-        return torch.tanh(self.action_head(hidden))
-
 
 def module_key(sentence: str) -> str:
     """Turns a task sentence into a name that a module may have."""
     return re.sub(r"[^a-z0-9]+", "_", sentence.lower()).strip("_")
+
+
+def _name(key: str) -> str:
+    return key.removeprefix("observation.")

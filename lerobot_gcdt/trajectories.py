@@ -1,10 +1,11 @@
-"""The trajectory bank: a whole dataset as tensors, and windows, hindsight and packing by index.
+"""The trajectory bank: a whole dataset as tensors, and pieces of episodes, hindsight and packing by index.
 
 LeRobot's loader decodes a window of 50 steps for 64 samples in more than a second; a gather from memory takes a
 millisecond. The policy therefore asks the loader for single frames and looks the rest up here by their ``index``.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -22,24 +23,47 @@ REQUIRED_KEYS = (STATE, GOAL, ACHIEVED_GOAL, TIME_TO_GOAL, ACTION)
 
 @dataclass
 class Sequences:
-    """Trajectories packed side by side into rows: R rows of S steps.
+    """Pieces of trajectories packed side by side into rows: R rows of S steps.
 
     Attributes:
         items: What each step holds, by dataset key: tensors of shape (R, S, size); time-to-goal has size 1.
         timestep: Step within its episode, shape (R, S).
-        segment: Which trajectory of the batch a step belongs to, shape (R, S); -1 marks padding.
+        segment: Which piece a step belongs to, shape (R, S); -1 marks padding.
+        source: Which frame of the batch the piece came from, shape (R, S).
         task: Index of the step's task in the dataset, shape (R, S).
     """
 
     items: dict[str, Tensor]
     timestep: Tensor
     segment: Tensor
+    source: Tensor
     task: Tensor
 
     @property
     def real(self) -> Tensor:
         """Marks the steps that are no padding, shape (R, S)."""
         return self.segment >= 0
+
+    @cached_property
+    def by_task(self) -> dict[int, tuple[Tensor, Tensor]]:
+        """Positions of the real steps of each task present, as indices into (R, S)."""
+        present = self.task[self.real].unique().tolist()
+        return {i: torch.nonzero(self.real & (self.task == i), as_tuple=True) for i in present}
+
+
+@dataclass
+class Pieces:
+    """Pieces of episodes, before they are cut and packed; tensors of shape (P,).
+
+    Attributes:
+        first: Index of the first frame.
+        last: Index of the last frame.
+        source: Which frame of the batch asked for the piece.
+    """
+
+    first: Tensor
+    last: Tensor
+    source: Tensor
 
 
 class TrajectoryBank:
@@ -48,13 +72,16 @@ class TrajectoryBank:
     Args:
         root: Folder of the dataset; its ``data/`` parquet files are read once.
         device: Where the tensors live.
+        training_episodes: Episodes that ``even`` may choose from, None for all.
 
     Raises:
         FileNotFoundError: There are no data files, as with ``--dataset.streaming=true``.
         KeyError: The dataset lacks one of ``REQUIRED_KEYS``.
     """
 
-    def __init__(self, root: str | Path, device: str | torch.device = "cpu"):
+    def __init__(
+        self, root: str | Path, device: str | torch.device = "cpu", training_episodes: list[int] | None = None
+    ):
         files = sorted(Path(root).glob("data/*/*.parquet"))
         if not files:
             raise FileNotFoundError(
@@ -70,7 +97,7 @@ class TrajectoryBank:
         columns = (*REQUIRED_KEYS, "episode_index", "frame_index", "task_index")
         tables = [pq.read_table(file, columns=list(columns)) for file in files]
         column = {
-            name: torch.from_numpy(np.concatenate([_to_array(table[name]) for table in tables])).to(device)
+            name: torch.from_numpy(np.concatenate([to_array(table[name]) for table in tables])).to(device)
             for name in columns
         }
         self.items: dict[str, Tensor] = {key: _two_dimensional(column[key]).float() for key in REQUIRED_KEYS}
@@ -83,6 +110,13 @@ class TrajectoryBank:
         lengths = torch.bincount(self.episode, minlength=int(self.episode.max()) + 1)
         self.last: Tensor = self.first + lengths[self.episode] - 1
         """Index of the last frame of each frame's episode, shape (N,)."""
+        training = torch.ones(n, dtype=torch.bool, device=device)
+        if training_episodes is not None:
+            training = torch.isin(self.episode, torch.tensor(training_episodes, device=device))
+        self._training_order = torch.nonzero(training).flatten()
+        self._training_frames = [
+            torch.nonzero(training & (self.task == i)).flatten() for i in self.task[training].unique().tolist()
+        ]
 
     def __len__(self) -> int:
         return len(self.timestep)
@@ -92,46 +126,95 @@ class TrajectoryBank:
         starts = (self.timestep == 0) & (self.task == task)
         return float(self.items[TIME_TO_GOAL][starts].mean())
 
-    def windows(self, index: Tensor, length: int) -> tuple[dict[str, Tensor], Tensor]:
-        """Gathers the steps that lead up to frames, as LeRobot's ``delta_timestamps`` do.
+    def even(self, index: Tensor) -> Tensor:
+        """Spreads frames evenly over the tasks, whatever the sizes of their shares of the dataset.
+
+        The frames for training in their order are cut into as many equal stretches as there are tasks, and each
+        stretch is laid over one task. Frames that the loader draws uniformly so become uniform over the tasks, and
+        over the frames of each.
+
+        Args:
+            index: Frames for training, shape (B,).
+
+        Returns:
+            Frames for training, shape (B,).
+        """
+        by_task = self._training_frames
+        if len(by_task) == 1:
+            return index
+        place = torch.searchsorted(self._training_order, index) * len(by_task)
+        count = len(self._training_order)
+        stretch, within = place // count, place % count
+        return torch.stack([frames[within * len(frames) // count] for frames in by_task])[
+            stretch, torch.arange(len(index), device=index.device)
+        ]
+
+    def pieces(self, index: Tensor, length: int) -> Pieces:
+        """Cuts the episodes of frames into pieces of some length; the last piece of each may be shorter.
 
         Args:
             index: Frames, shape (B,).
-            length: Steps a window, its last being the frame itself.
+            length: Steps of a piece.
 
         Returns:
-            The items, each of shape (B, length, size), and what of them is padding, shape (B, length): steps before
-            the episode repeat its first frame.
+            All pieces of the episode of each frame.
         """
-        wanted = index[:, None] + torch.arange(1 - length, 1, device=index.device)
-        first = self.first[index][:, None]
-        frames = torch.maximum(wanted, first)
-        return {key: value[frames] for key, value in self.items.items()}, wanted < first
+        first, last = self.first[index], self.last[index]
+        counts = (last - first) // length + 1
+        source = torch.repeat_interleave(torch.arange(len(index), device=index.device), counts)
+        number = torch.arange(len(source), device=index.device) - (counts.cumsum(0) - counts)[source]
+        start = first[source] + number * length
+        return Pieces(start, torch.minimum(start + length - 1, last[source]), source)
 
-    def sequences(self, index: Tensor, relabel: Tensor) -> Sequences:
-        """Cuts trajectories and packs them into rows.
+    def frames(self, index: Tensor) -> Pieces:
+        """Returns frames as pieces of one step, for policies without memory."""
+        return Pieces(index, index, torch.arange(len(index), device=index.device))
 
-        A relabelled trajectory ends before its frame and has that frame's achieved goal as the goal of *every* step;
-        time-to-goal counts down to it. (The action at the cut leaves the goal and is no part of the way there.) Other
-        trajectories are whole and keep their goal (Fu et al. 2024, section III-B).
+    def draw_cuts(self, pieces: Pieces, hindsight_ratio: float, generator: torch.Generator | None = None) -> Tensor:
+        """Draws the frames in whose achieved goals pieces are relabelled in hindsight.
+
+        Each is uniform over what its episode holds from the piece's first frame on. With whole episodes as pieces and
+        a ratio of 1 this is the paper's mix (Fu et al. 2024, section III-B): every truncation of a demonstration, and
+        in place of the empty one the demonstration itself.
 
         Args:
-            index: Frames, shape (B,). The first frame of an episode cannot be a cut: its trajectory stays whole.
-            relabel: Which trajectories to relabel, booleans of shape (B,).
+            pieces: The pieces.
+            hindsight_ratio: Probability of relabelling.
+            generator: Where the randomness comes from, on the CPU.
 
         Returns:
-            The packed trajectories; segment i is the one of ``index[i]``.
+            Frames, shape (P,); the first frame of a piece stands for no relabelling.
         """
-        relabel = relabel & (self.timestep[index] > 0)
-        last = torch.where(relabel, index - 1, self.last[index])
-        first = self.first[index]
-        segment, offset = _pack((last - first + 1).tolist(), index.device)
+        first = pieces.first
+        draw = torch.rand(2, len(first), generator=generator).to(first.device)
+        ahead = (draw[0] * (self.last[first] - first + 1)).long()
+        return torch.where(draw[1] < hindsight_ratio, first + ahead, first)
+
+    def sequences(self, pieces: Pieces, cuts: Tensor | None = None) -> Sequences:
+        """Relabels pieces of episodes and packs them into rows.
+
+        A relabelled piece ends before its cut and has the cut's achieved goal as the goal of *every* step;
+        time-to-goal counts down to the cut. (The action at the cut leaves the goal and is no part of the way there.)
+        Other pieces keep their goal.
+
+        Args:
+            pieces: The pieces.
+            cuts: Frames as ``draw_cuts`` gives them, shape (P,); None relabels nothing.
+
+        Returns:
+            The packed pieces; segment i is piece i.
+        """
+        first, last = pieces.first, pieces.last
+        cuts = first if cuts is None else cuts
+        last = torch.where(cuts > first, torch.minimum(last, cuts - 1), last)
+        segment, offset = _pack((last - first + 1).tolist(), first.device)
         frames = (first[segment] + offset).clamp(max=len(self) - 1)
         items = {key: value[frames] for key, value in self.items.items()}
-        hindsight = relabel[segment][..., None]
-        items[GOAL] = torch.where(hindsight, self.items[ACHIEVED_GOAL][index][segment], items[GOAL])
-        items[TIME_TO_GOAL] = torch.where(hindsight, (index[segment] - frames)[..., None], items[TIME_TO_GOAL])
-        return Sequences(items, self.timestep[frames], segment, self.task[frames])
+        cut = cuts[segment]
+        hindsight = (cut > first[segment])[..., None]
+        items[GOAL] = torch.where(hindsight, self.items[ACHIEVED_GOAL][cut], items[GOAL])
+        items[TIME_TO_GOAL] = torch.where(hindsight, (cut - frames)[..., None], items[TIME_TO_GOAL])
+        return Sequences(items, self.timestep[frames], segment, pieces.source[segment], self.task[frames])
 
 
 def _pack(lengths: list[int], device: torch.device) -> tuple[Tensor, Tensor]:
@@ -141,6 +224,10 @@ def _pack(lengths: list[int], device: torch.device) -> tuple[Tensor, Tensor]:
         Which sequence each slot belongs to (-1: none) and the step within it, both of shape (rows, longest).
     """
     capacity = max(lengths)
+    if min(lengths) == capacity:
+        shape = len(lengths), capacity
+        segment = torch.arange(len(lengths), device=device)[:, None].expand(shape)
+        return segment, torch.arange(capacity, device=device).expand(shape)
     rows: list[list[int]] = []
     room: list[int] = []
     for i in sorted(range(len(lengths)), key=lambda i: -lengths[i]):
@@ -161,7 +248,7 @@ def _pack(lengths: list[int], device: torch.device) -> tuple[Tensor, Tensor]:
     return torch.from_numpy(segment).to(device), torch.from_numpy(offset).to(device)
 
 
-def _to_array(column) -> np.ndarray:
+def to_array(column) -> np.ndarray:
     """A parquet column as an array: (N,) for scalars, (N, size) for lists."""
     array = column.combine_chunks()
     if hasattr(array, "flatten") and str(array.type).startswith(("list", "fixed_size_list", "large_list")):

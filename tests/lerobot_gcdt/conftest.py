@@ -13,6 +13,7 @@ import pytest
 from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
 
 from lerobot_gcdt import GCDTConfig
+from lerobot_gcdt.merging import merge
 from lerobot_gcdt.recording import record
 
 EPISODES = 4
@@ -40,6 +41,13 @@ def needle_reach_root(tmp_path_factory):
     return record("NeedleReach", EPISODES, 0, tmp_path_factory.mktemp("datasets") / "needle_reach")
 
 
+@pytest.fixture(scope="session")
+def uneven_root(tmp_path_factory, needle_pick_root):
+    """Folder of a merged dataset: four episodes of NeedlePick, one of NeedleReach."""
+    folder = tmp_path_factory.mktemp("datasets")
+    return merge([needle_pick_root, record("NeedleReach", 1, 0, folder / "one_reach")], folder / "uneven")
+
+
 @pytest.fixture
 def needle_pick_meta(needle_pick_root):
     """Metadata of the NeedlePick dataset, as LeRobot hands it to a policy."""
@@ -50,6 +58,12 @@ def needle_pick_meta(needle_pick_root):
 def needle_reach_meta(needle_reach_root):
     """Metadata of the NeedleReach dataset, as LeRobot hands it to a policy."""
     return LeRobotDatasetMetadata("local/needle_reach", root=needle_reach_root)
+
+
+@pytest.fixture
+def uneven_meta(uneven_root):
+    """Metadata of the merged dataset."""
+    return LeRobotDatasetMetadata("local/uneven", root=uneven_root)
 
 
 @pytest.fixture

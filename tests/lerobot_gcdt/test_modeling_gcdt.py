@@ -5,9 +5,10 @@ import copy
 import pytest
 import torch
 from lerobot.datasets.lerobot_dataset import LeRobotDatasetMetadata
+from safetensors.torch import load_file, save_file
 
 from lerobot_gcdt import GCDTConfig, GCDTPolicy
-from lerobot_gcdt.tokens import module_key
+from lerobot_gcdt.tokens import SMALLEST_STD
 from lerobot_gcdt.trajectories import ACHIEVED_GOAL, ACTION, GOAL, STATE, TIME_TO_GOAL
 
 PICK = "Pick up the needle and bring its middle to the goal."
@@ -31,8 +32,7 @@ def two_task_policy(tiny_config):
 
 def whole(policy, *episodes):
     """The packed demonstrations of some episodes."""
-    index = torch.tensor(episodes) * 50
-    return policy._bank.sequences(index, torch.zeros(len(index), dtype=torch.bool))
+    return policy._bank.sequences(policy._bank.pieces(torch.tensor(episodes) * 50, 50))
 
 
 def observation(batch, task=PICK, size=19):
@@ -82,12 +82,13 @@ def test_an_action_depends_on_what_is_known_at_its_step(policy, key):
 
 
 def test_other_trajectories_of_the_row_change_nothing(policy):
-    index = torch.tensor([45, 56, 107, 160])  # lengths 45, 6, 7, 10: the short ones share a row
-    sequences = policy._bank.sequences(index, torch.ones(4, dtype=torch.bool))
+    cuts = torch.tensor([45, 56, 107, 160])  # lengths 45, 6, 7, 10: the short ones share a row
+    sequences = policy._bank.sequences(policy._bank.pieces(cuts, 50), cuts)
     assert len(sequences.segment) < 4
     packed = policy.predict_actions(sequences)
     for i in range(4):
-        alone = policy.predict_actions(policy._bank.sequences(index[i : i + 1], torch.ones(1, dtype=torch.bool)))
+        cut = cuts[i : i + 1]
+        alone = policy.predict_actions(policy._bank.sequences(policy._bank.pieces(cut, 50), cut))
         torch.testing.assert_close(packed[sequences.segment == i], alone[0], atol=1e-6, rtol=1e-5)
 
 
@@ -114,7 +115,7 @@ def test_the_achieved_goal_is_out_of_sight_without_relative_goals(tiny_config, n
 # Remembering equals recomputing.
 
 
-@pytest.mark.parametrize("context_length", [100, 8])
+@pytest.mark.parametrize("context_length", [100, 8, 1])
 def test_the_cached_rollout_equals_the_full_forward_pass(tiny_config, needle_pick_meta, context_length):
     torch.manual_seed(0)
     config = copy.deepcopy(tiny_config)
@@ -232,9 +233,9 @@ def test_an_optimiser_step_lowers_the_loss(policy):
 def test_hindsight_happens_in_training_mode_only(policy):
     batch = {"index": torch.arange(10, 50)}
     policy.eval()
-    assert policy.forward(batch)[0] == policy.forward(batch)[0]
+    demonstrations = policy.forward(batch)[0]
     policy.train()
-    assert policy.forward(batch)[0] != policy.forward(batch)[0]
+    assert policy.forward(batch)[0] != demonstrations
 
 
 def test_the_unreduced_loss_has_an_entry_a_frame(policy):
@@ -246,10 +247,9 @@ def test_the_unreduced_loss_has_an_entry_a_frame(policy):
 
 
 def test_observations_are_standardised_by_the_dataset(policy):
-    tokenizer = policy.tasks[module_key(PICK)].state
     states = policy._bank.items[STATE]
-    scaled = (states - tokenizer.mean) / tokenizer.std
-    varying = states.std(0) > 1e-4
+    scaled = policy.modules_of(PICK).target(STATE, {STATE: states})
+    varying = states.std(0) > SMALLEST_STD
     torch.testing.assert_close(scaled.mean(0), torch.zeros(19), atol=1e-3, rtol=0)
     torch.testing.assert_close(scaled.std(0)[varying], torch.ones(int(varying.sum())), atol=1e-3, rtol=0)
     assert scaled.abs().max() < 50  # numbers that hardly change do not explode
@@ -310,3 +310,68 @@ def test_a_dataset_of_other_dimensions_is_named(tiny_config, needle_pick_meta):
 def test_training_without_a_dataset_is_an_error(two_task_policy):
     with pytest.raises(RuntimeError, match="dataset_meta"):
         two_task_policy.forward({"index": torch.tensor([0])})
+
+
+# Pretraining on several tasks.
+
+
+@pytest.fixture
+def pretraining(tiny_config, uneven_meta):
+    torch.manual_seed(0)
+    tiny_config.training_stage = "pretrain"
+    return GCDTPolicy(tiny_config, dataset_meta=uneven_meta)
+
+
+def test_a_merged_dataset_gives_every_task_its_natural_sizes(pretraining):
+    assert pretraining.config.task_dims == {PICK: [19, 3, 5], REACH: [7, 3, 5]}
+    assert pretraining.modules_of(REACH).dynamics_head.out_features == 7
+
+
+def test_pretraining_logs_all_four_objectives_and_fine_tuning_one(pretraining):
+    batch = {"index": torch.arange(0, 250, 30)}
+    names = ["action_loss", "dynamics_loss", "time_to_goal_loss", "reconstruction_loss"]
+    loss, log = pretraining.forward(batch)
+    assert list(log) == names
+    assert loss.item() == pytest.approx(log["action_loss"] + 0.1 * sum(log[name] for name in names[1:]), rel=1e-5)
+    pretraining.config.training_stage = "finetune"
+    assert list(pretraining.forward(batch)[1]) == names[:1]
+
+
+@pytest.mark.parametrize("name", ["dynamics", "time_to_goal", "reconstruction"])
+def test_each_auxiliary_objective_can_be_left_out(pretraining, name):
+    setattr(pretraining.config, f"{name}_weight", 0.0)
+    log = pretraining.forward({"index": torch.arange(0, 250, 30)})[1]
+    assert len(log) == 3 and f"{name}_loss" not in log
+
+
+def test_what_is_drawn_for_a_batch_follows_from_its_frames(pretraining):
+    batch = {"index": torch.arange(0, 250, 30)}
+    assert pretraining.forward(batch)[1] == pretraining.forward(batch)[1]
+    assert pretraining.forward({"index": batch["index"] + 1})[1] != pretraining.forward(batch)[1]
+
+
+def test_every_task_and_the_shared_weights_learn_from_one_batch(pretraining):
+    pretraining.forward({"index": torch.arange(0, 250, 10)})[0].backward()
+    without = [name for name, parameter in pretraining.named_parameters() if parameter.grad is None]
+    assert without == []
+
+
+def test_fine_tuning_starts_from_the_pretrained_weights_of_backbone_and_task(pretraining, needle_pick_meta, tmp_path):
+    pretraining.save_pretrained(tmp_path)
+    config = GCDTConfig.from_pretrained(tmp_path)
+    config.training_stage = "finetune"
+    tuned = GCDTPolicy.from_pretrained(tmp_path, config=config, dataset_meta=needle_pick_meta)
+    before, after = pretraining.state_dict(), tuned.state_dict()
+    assert before.keys() == after.keys()
+    assert all(torch.equal(value, after[key]) for key, value in before.items())
+    assert list(tuned.train().forward({"index": torch.tensor([0])})[1]) == ["action_loss"]
+
+
+def test_a_checkpoint_without_a_head_names_it(pretraining, tmp_path):
+    pretraining.save_pretrained(tmp_path)
+    weights = load_file(tmp_path / "model.safetensors")
+    lost = next(key for key in weights if "dynamics_head" in key)
+    del weights[lost]
+    save_file(weights, tmp_path / "model.safetensors")
+    with pytest.raises(ValueError, match=lost.replace(".", r"\.")):
+        GCDTPolicy.from_pretrained(tmp_path)

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from lerobot_gcdt.tokens import ORDER, ItemTokenizer, TaskModules, module_key
+from lerobot_gcdt.tokens import ORDER, SMALLEST_STD, ItemTokenizer, TaskModules, module_key
 from lerobot_gcdt.trajectories import ACHIEVED_GOAL, ACTION, GOAL, STATE, TIME_TO_GOAL
 
 
@@ -27,10 +27,11 @@ def test_fitting_makes_scale_and_offset_of_the_items_irrelevant():
     torch.testing.assert_close(plain(items), scaled(1000 * items + 5), atol=1e-3, rtol=1e-3)
 
 
-def test_constant_numbers_are_only_centred():
-    tokenizer = ItemTokenizer(1, 8)
-    tokenizer.fit(torch.full((10, 1), 7.0))
-    assert (tokenizer.mean.item(), tokenizer.std.item()) == (7, 1)
+def test_numbers_that_hardly_vary_are_not_blown_up():
+    tokenizer = ItemTokenizer(2, 8)
+    tokenizer.fit(torch.tensor([[7.0, 0.0], [7.0, 1e-4]]))
+    assert tokenizer.mean.tolist() == pytest.approx([7, 5e-5])
+    assert tokenizer.std.tolist() == pytest.approx([SMALLEST_STD, SMALLEST_STD])
 
 
 def test_numbers_beyond_the_size_are_padding():
@@ -57,6 +58,16 @@ def test_a_relative_goal_token_holds_what_is_left_to_the_goal():
     relative, absolute = TaskModules([7, 3, 5], 8), TaskModules([7, 3, 5], 8, relative_goal=False)
     assert not torch.equal(relative.tokenize(GOAL, goal), relative.tokenize(GOAL, elsewhere))
     assert torch.equal(absolute.tokenize(GOAL, goal), absolute.tokenize(GOAL, elsewhere))
+
+
+@pytest.mark.parametrize("key", ORDER)
+def test_a_target_is_the_standardised_item_alone(key):
+    items = {TIME_TO_GOAL: torch.randn(6, 1), STATE: torch.randn(6, 7), ACTION: torch.randn(6, 5)}
+    items |= {GOAL: torch.randn(6, 3), ACHIEVED_GOAL: torch.randn(6, 3)}
+    modules = TaskModules([7, 3, 5], 8)
+    modules.fit(items)
+    expected = items[key] if key == ACTION else (items[key] - items[key].mean(0)) / items[key].std(0)
+    torch.testing.assert_close(modules.target(key, items), expected)
 
 
 def test_sentences_become_module_names():

@@ -21,12 +21,17 @@ def compute_reward():
     env.close()
 
 
-def relabelled(bank, index):
-    return bank.sequences(index, torch.ones(len(index), dtype=torch.bool))
+EPISODE = 1000
+"""A length that no episode exceeds: a piece is the whole episode."""
+
+
+def relabelled(bank, cuts):
+    """Whole episodes, relabelled by frames of theirs."""
+    return bank.sequences(bank.pieces(cuts, EPISODE), cuts)
 
 
 def whole(bank, index):
-    return bank.sequences(index, torch.zeros(len(index), dtype=torch.bool))
+    return bank.sequences(bank.pieces(index, EPISODE))
 
 
 def cuts(bank, seed=0, count=60):
@@ -35,23 +40,43 @@ def cuts(bank, seed=0, count=60):
     return frames[torch.randperm(len(frames), generator=torch.Generator().manual_seed(seed))[:count]]
 
 
+def test_sequences_hold_what_lerobot_loads(bank, needle_pick_root):
+    dataset = LeRobotDataset("local/needle_pick", root=needle_pick_root, video_backend="pyav")
+    sequences = whole(bank, torch.tensor([60]))
+    for t in (0, 1, 30, 49):
+        frame = dataset[50 + t]
+        for key in (STATE, GOAL, ACHIEVED_GOAL, TIME_TO_GOAL, ACTION):
+            assert torch.equal(sequences.items[key][0, t], frame[key].reshape(-1)), key
+
+
 @pytest.mark.parametrize("length", [1, 7, 50])
-def test_windows_equal_lerobots_delta_timestamps_bit_for_bit(bank, needle_pick_root, length):
-    offsets = [i / 5 for i in range(1 - length, 1)]
-    keys = (STATE, GOAL, ACHIEVED_GOAL, TIME_TO_GOAL, ACTION)
-    dataset = LeRobotDataset(
-        "local/needle_pick",
-        root=needle_pick_root,
-        delta_timestamps={key: offsets for key in keys},
-        video_backend="pyav",
-    )
-    index = torch.tensor([0, 3, 49, 50, 51, 120, len(bank) - 1])
-    items, padding = bank.windows(index, length)
-    for row, i in enumerate(index.tolist()):
-        frame = dataset[i]
-        for key in keys:
-            assert torch.equal(items[key][row], frame[key].reshape(length, -1)), key
-            assert torch.equal(padding[row], frame[f"{key}_is_pad"]), key
+def test_pieces_cover_an_episode_once_and_in_order(bank, length):
+    pieces = bank.pieces(torch.tensor([120, 3]), length)
+    for source, start in ((0, 100), (1, 0)):
+        own = pieces.source == source
+        frames = [i for a, b in zip(pieces.first[own], pieces.last[own], strict=True) for i in range(a, b + 1)]
+        assert frames == list(range(start, start + 50))
+        assert (pieces.last[own] - pieces.first[own] < length).all()
+
+
+def test_cuts_lie_between_the_start_of_their_piece_and_the_end_of_the_episode(bank):
+    pieces = bank.pieces(torch.arange(0, 200, 3), 7)
+    drawn = bank.draw_cuts(pieces, 1.0)
+    assert ((drawn >= pieces.first) & (drawn <= bank.last[pieces.first])).all()
+    assert (drawn > pieces.last).any() and (drawn == bank.last[pieces.first]).any()
+
+
+def test_without_hindsight_no_piece_is_cut(bank):
+    pieces = bank.pieces(torch.arange(0, 200, 3), 7)
+    assert torch.equal(bank.draw_cuts(pieces, 0.0), pieces.first)
+
+
+def test_a_piece_that_ends_before_its_cut_keeps_all_its_steps(bank):
+    pieces = bank.pieces(torch.tensor([0]), 10)
+    sequences = bank.sequences(pieces, torch.full((5,), 45))
+    assert torch.bincount(sequences.segment[sequences.real]).tolist() == [10, 10, 10, 10, 5]
+    first = sequences.items[TIME_TO_GOAL][sequences.segment == 0].flatten()
+    assert first.tolist() == list(range(45, 35, -1))
 
 
 def test_relabelled_goal_is_the_goal_achieved_at_the_cut_at_every_step(bank):
@@ -96,6 +121,25 @@ def test_every_frame_of_a_demonstration_once_gives_the_papers_mix(bank):
     assert lengths.tolist() == [50, *range(1, 50)]  # the original, and a truncation at every later step
 
 
+def test_frames_spread_evenly_over_tasks_of_different_sizes(uneven_root):
+    bank = TrajectoryBank(uneven_root)
+    assert torch.bincount(bank.task).tolist() == [200, 50]
+    spread = bank.even(torch.arange(250))
+    assert torch.bincount(bank.task[spread]).tolist() == [125, 125]
+    assert torch.bincount(spread[bank.task[spread] == 1] - 200).unique().tolist() == [2, 3]
+
+
+def test_frames_spread_over_the_training_episodes_only(uneven_root):
+    bank = TrajectoryBank(uneven_root, training_episodes=[0, 1, 4])
+    spread = bank.even(torch.tensor([*range(100), *range(200, 250)]))
+    assert bank.episode[spread].unique().tolist() == [0, 1, 4]
+
+
+def test_frames_of_a_single_task_stay_as_they_are(bank):
+    index = torch.tensor([3, 77, 199])
+    assert torch.equal(bank.even(index), index)
+
+
 def test_trajectories_that_are_not_relabelled_are_whole(bank):
     index = torch.tensor([7, 60, 149])
     sequences = whole(bank, index)
@@ -118,7 +162,9 @@ def test_packing_keeps_every_step_once_and_trajectories_in_one_piece(bank):
 def test_most_computed_steps_are_real(bank):
     index = torch.randint(len(bank), (32,), generator=torch.Generator().manual_seed(0))
     relabel = torch.rand(32, generator=torch.Generator().manual_seed(0)) < 0.5
-    assert bank.sequences(index, relabel).real.float().mean() > 0.8
+    pieces = bank.pieces(index, EPISODE)
+    cuts = torch.where(relabel, index, pieces.first)
+    assert bank.sequences(pieces, cuts).real.float().mean() > 0.8
 
 
 def test_expected_steps_are_the_mean_steps_to_the_first_success(bank):

@@ -1,0 +1,1 @@
+"""Baselines as LeRobot policies, trained on the same data as GCDT."""

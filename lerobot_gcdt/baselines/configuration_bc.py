@@ -1,0 +1,66 @@
+"""Configuration of behavioural cloning."""
+
+from dataclasses import dataclass, field
+
+from lerobot.configs.policies import PreTrainedConfig
+from lerobot.configs.types import NormalizationMode
+from lerobot.optim.optimizers import AdamWConfig
+from lerobot.optim.schedulers import CosineDecayWithWarmupSchedulerConfig
+
+
+@PreTrainedConfig.register_subclass("bc")
+@dataclass
+class BCConfig(PreTrainedConfig):
+    """Configuration of ``BCPolicy``, for one task.
+
+    Attributes:
+        hidden_sizes: Sizes of the hidden layers.
+        hindsight_ratio: Share of the training frames whose goal is replaced by one achieved later in the episode.
+        relative_goal: Whether the network also reads what is left to the goal.
+        dims: Sizes of observation, goal and action. Filled from the dataset.
+        optimizer_lr: Peak learning rate of AdamW, decayed along a cosine over the whole training.
+    """
+
+    hidden_sizes: tuple[int, ...] = (256, 256, 256)
+    hindsight_ratio: float = 0.5
+    relative_goal: bool = True
+    dims: list[int] = field(default_factory=list)
+    optimizer_lr: float = 1e-3
+
+    # The network standardises by itself, as GCDT's tokenizers do.
+    normalization_mapping: dict[str, NormalizationMode] = field(
+        default_factory=lambda: {kind: NormalizationMode.IDENTITY for kind in ("STATE", "ENV", "ACTION")}
+    )
+
+    def __post_init__(self):
+        super().__post_init__()
+        if not 0 <= self.hindsight_ratio <= 1:
+            raise ValueError(f"policy.hindsight_ratio must lie in [0, 1], got {self.hindsight_ratio}.")
+
+    def validate_features(self) -> None:
+        """Nothing to check: sizes come from ``dims``."""
+
+    @property
+    def observation_delta_indices(self) -> None:
+        """The loader gives single frames."""
+        return None
+
+    @property
+    def action_delta_indices(self) -> None:
+        """The loader gives single frames."""
+        return None
+
+    @property
+    def reward_delta_indices(self) -> None:
+        """Rewards are not used."""
+        return None
+
+    def get_optimizer_preset(self) -> AdamWConfig:
+        """Returns AdamW."""
+        return AdamWConfig(lr=self.optimizer_lr, weight_decay=1e-4, grad_clip_norm=1.0)
+
+    def get_scheduler_preset(self) -> CosineDecayWithWarmupSchedulerConfig:
+        """Returns a cosine decay that shrinks to the length of the training."""
+        return CosineDecayWithWarmupSchedulerConfig(
+            num_warmup_steps=500, num_decay_steps=1_000_000, peak_lr=self.optimizer_lr, decay_lr=self.optimizer_lr / 100
+        )

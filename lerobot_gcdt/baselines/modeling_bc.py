@@ -1,0 +1,96 @@
+"""Behavioural cloning with a perceptron: the baseline that a sequence model has to beat."""
+
+import itertools
+
+import torch
+from lerobot.policies.pretrained import PreTrainedPolicy
+from torch import Tensor, nn
+
+from lerobot_gcdt.baselines.configuration_bc import BCConfig
+from lerobot_gcdt.tokens import SMALLEST_STD
+from lerobot_gcdt.trajectories import ACHIEVED_GOAL, ACTION, GOAL, STATE, TrajectoryBank
+
+
+class BCPolicy(PreTrainedPolicy):
+    """A perceptron from observation and goal to the action, trained on hindsight-relabelled frames of one task.
+
+    Args:
+        config: The configuration.
+        dataset_stats: Unused; LeRobot passes it to every policy.
+        dataset_meta: Metadata of the dataset to train on, None for inference.
+
+    Raises:
+        ValueError: The dataset holds several tasks.
+    """
+
+    config_class = BCConfig
+    name = "bc"
+
+    def __init__(self, config: BCConfig, dataset_stats=None, dataset_meta=None):
+        super().__init__(config)
+        self._bank: TrajectoryBank | None = None
+        if dataset_meta is not None:
+            if len(dataset_meta.tasks) > 1:
+                raise ValueError(f"BC learns one task; {dataset_meta.repo_id} holds {len(dataset_meta.tasks)}.")
+            self._bank = TrajectoryBank(dataset_meta.root, config.device)
+            config.dims = [dataset_meta.features[key]["shape"][0] for key in (STATE, GOAL, ACTION)]
+        state, goal, action = config.dims
+        inputs = state + goal * (2 if config.relative_goal else 1)
+        self.register_buffer("mean", torch.zeros(inputs))
+        self.register_buffer("std", torch.ones(inputs))
+        sizes = [inputs, *config.hidden_sizes]
+        layers = [(nn.Linear(a, b), nn.ReLU()) for a, b in itertools.pairwise(sizes)]
+        self.network = nn.Sequential(*itertools.chain(*layers), nn.Linear(sizes[-1], action), nn.Tanh())
+        if self._bank is not None:
+            std, mean = torch.std_mean(self._inputs(self._bank.items), dim=0)
+            self.mean.copy_(mean)
+            self.std.copy_(std.clamp(min=SMALLEST_STD))
+
+    def forward(self, batch: dict[str, Tensor], reduction: str = "mean") -> tuple[Tensor, dict[str, float]]:
+        """Computes the mean squared error of the actions of a batch of frames.
+
+        Args:
+            batch: As LeRobot's loader gives it; of it only ``index``, shape (B,), is used.
+            reduction: ``"mean"``, or ``"none"`` for one loss a frame.
+
+        Returns:
+            The loss, and what to log.
+
+        Raises:
+            RuntimeError: The policy was made without a dataset.
+        """
+        if self._bank is None:
+            raise RuntimeError("This policy was made for inference; to train it, pass dataset_meta to its constructor.")
+        index = batch["index"].to(self._bank.first.device)
+        pieces = self._bank.frames(index)
+        cuts = self._bank.draw_cuts(pieces, self.config.hindsight_ratio if self.training else 0.0)
+        items = {key: value[:, 0] for key, value in self._bank.sequences(pieces, cuts).items.items()}
+        errors = (self._act(items) - items[ACTION]).square().mean(-1)
+        if reduction == "none":
+            return errors, {}
+        return errors.mean(), {"action_loss": errors.mean().item()}
+
+    @torch.no_grad()
+    def select_action(self, batch: dict[str, Tensor]) -> Tensor:
+        """Returns the action of each row of ``observation.*``, shape (B, A)."""
+        return self._act(batch)
+
+    def predict_action_chunk(self, batch: dict[str, Tensor]) -> Tensor:
+        """Returns ``select_action`` as a chunk of one step, shape (B, 1, A)."""
+        return self.select_action(batch)[:, None]
+
+    def reset(self) -> None:
+        """Does nothing: there is no memory."""
+
+    def get_optim_params(self):
+        """Returns all parameters."""
+        return self.parameters()
+
+    def _inputs(self, items: dict[str, Tensor]) -> Tensor:
+        parts = [items[STATE], items[GOAL]]
+        if self.config.relative_goal:
+            parts.append(items[GOAL] - items[ACHIEVED_GOAL])
+        return torch.cat(parts, dim=-1)
+
+    def _act(self, items: dict[str, Tensor]) -> Tensor:
+        return self.network((self._inputs(items) - self.mean) / self.std)

@@ -1,0 +1,146 @@
+"""Measures training and inference: ``python -m lerobot_gcdt.benchmark.speed [--root datasets/needle_pick]``.
+
+Look at the ratios: they are taken within one run, while milliseconds depend on the machine and on what else it does.
+"""
+
+import argparse
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import torch
+from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
+from lerobot.datasets.lerobot_dataset import LeRobotDataset
+
+from lerobot_gcdt import GCDTConfig, GCDTPolicy
+from lerobot_gcdt.recording import record
+from lerobot_gcdt.tokens import ORDER
+from lerobot_gcdt.trajectories import ACHIEVED_GOAL, GOAL, STATE
+
+BATCH, WINDOW = 8, 50
+"""Episodes of a training step; steps of context in the comparison with LeRobot's loader."""
+
+
+def main():
+    """Prints the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--root", type=Path, help="folder of a dataset; by default ten episodes are recorded")
+    parser.add_argument("--device", default="cpu")
+    parser.add_argument("--context_length", type=int, default=GCDTConfig.context_length)
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        root = options.root or record("NeedlePick", 10, 0, Path(folder) / "needle_pick")
+        for line in measure(root, options.device, options.context_length):
+            print(line)
+
+
+def measure(root: Path, device: str, context_length: int) -> list[str]:
+    """Measures the default model on a dataset.
+
+    Args:
+        root: Folder of the dataset.
+        device: Where to compute.
+        context_length: Steps that the policy looks back on.
+
+    Returns:
+        A line a figure.
+    """
+    meta = LeRobotDatasetMetadata(f"local/{root.name}", root=root)
+    config = GCDTConfig(context_length=context_length, device=device, push_to_hub=False)
+    policy = GCDTPolicy(config, dataset_meta=meta).train()
+    policy.to(device)
+    optimizer = torch.optim.AdamW(policy.parameters(), lr=1e-4)
+    index = torch.randint(len(policy._bank), (BATCH,), generator=torch.Generator().manual_seed(0))
+    generator = torch.Generator().manual_seed(0)
+    sequences = policy._draw(index.to(device), context_length, generator)
+    kinds = len(ORDER) if context_length > 1 else len(ORDER) - 1
+    r, s = sequences.segment.shape
+    mask = policy._attention_mask(sequences, kinds, context_length, causal=True)
+
+    def step(loss: Callable[[], torch.Tensor]):
+        def run():
+            with torch.autocast(device, torch.bfloat16, enabled=config.dtype == "bfloat16"):
+                value = loss()
+            value.backward()
+            optimizer.step()
+            optimizer.zero_grad(set_to_none=False)
+
+        return run
+
+    def bare():
+        tokens = torch.randn(r, s * kinds, config.width, device=device)
+        return policy.transformer(tokens, mask.to(policy._compute_dtype())).square().mean()
+
+    loader = _window_loader(root, meta)
+    times = _alternate(
+        {
+            "step": step(lambda: policy.forward({"index": index})[0]),
+            "bare": step(bare),
+            "data": lambda: policy._draw(index.to(device), context_length, generator),
+        },
+        device,
+    )
+    window_time = _once(lambda: next(loader))
+    first, last = _inference(policy.eval(), device)
+    real = sequences.real.float().mean().item()
+    return [
+        f"training step of {BATCH} episodes ({int(sequences.real.sum())} steps): {1e3 * times['step']:.0f} ms",
+        f"training step / transformer alone on the same tokens: {times['step'] / times['bare']:.2f}",
+        f"data and relabelling / training step: {times['data'] / times['step']:.3f}",
+        f"real tokens / computed tokens: {real:.2f}",
+        f"training with LeRobot's windows of {WINDOW} steps / with the bank: "
+        f"{(times['step'] - times['data'] + window_time) / times['step']:.1f}",
+        f"select_action at step 100: {1e3 * last:.1f} ms; over step 1: {last / first:.2f}",
+    ]
+
+
+def _window_loader(root: Path, meta: LeRobotDatasetMetadata):
+    """LeRobot's own windows, as many steps in a batch as the bank's batches have."""
+    keys = [key for key in meta.features if key.startswith("observation.") or key == "action"]
+    offsets = [i / meta.fps for i in range(1 - WINDOW, 1)]
+    dataset = LeRobotDataset(
+        meta.repo_id, root=root, delta_timestamps={key: offsets for key in keys}, video_backend="pyav"
+    )
+    return iter(torch.utils.data.DataLoader(dataset, batch_size=BATCH, shuffle=True))
+
+
+def _alternate(actions: dict[str, Callable], device: str, rounds: int = 10) -> dict[str, float]:
+    """Fastest time of each action, seconds; they take turns, so that a busy machine slows them all."""
+    best = dict.fromkeys(actions, float("inf"))
+    for _ in range(rounds):
+        for name, action in actions.items():
+            best[name] = min(best[name], _once(action, device))
+    return best
+
+
+def _once(action: Callable, device: str = "cpu") -> float:
+    start = time.perf_counter()
+    action()
+    if device == "cuda":
+        torch.cuda.synchronize()
+    return time.perf_counter() - start
+
+
+def _inference(policy: GCDTPolicy, device: str, rounds: int = 5) -> tuple[float, float]:
+    """Fastest times of ``select_action`` at steps 1 and 100 of one episode, seconds, on one core."""
+    sentence, (state, goal, _) = next(iter(policy.config.task_dims.items()))
+    batch = {
+        STATE: torch.zeros(1, state, device=device),
+        GOAL: torch.zeros(1, goal, device=device),
+        ACHIEVED_GOAL: torch.zeros(1, goal, device=device),
+        "task": [sentence],
+    }
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    times = []
+    for _ in range(rounds):
+        policy.reset()
+        times.append([_once(lambda: policy.select_action(batch), device) for _ in range(100)])
+    torch.set_num_threads(threads)
+    # The very first step of an episode has no action to remember yet.
+    return min(row[1] for row in times), min(row[-1] for row in times)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,119 @@
+"""Merging the datasets of several tasks into one, for cross-task training.
+
+LeRobot merges datasets whose features are equal. The tasks' are not: so each dataset is first copied with its vectors
+padded with zeros to the largest task's size, and what their natural sizes are is kept in the merged metadata.
+"""
+
+import json
+import os
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+
+import datasets
+import numpy as np
+import pyarrow.parquet as pq
+from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
+from lerobot.datasets.dataset_tools import merge_datasets
+from lerobot.datasets.lerobot_dataset import LeRobotDataset
+from tqdm import tqdm
+
+from lerobot_gcdt.recording import RECORDING_FILE, sort_statistics, vector_feature
+from lerobot_gcdt.surrol_env import ENVIRONMENT_STATE
+from lerobot_gcdt.trajectories import ACHIEVED_GOAL, ACTION, GOAL, STATE, TIME_TO_GOAL, to_array
+
+PADDED_SIZES = {STATE: 35, ENVIRONMENT_STATE: 6, GOAL: 6, ACHIEVED_GOAL: 6, ACTION: 10}
+"""The largest size of each vector among the ten tasks."""
+
+KEPT = (TIME_TO_GOAL, "next.reward", "next.success")
+"""Features that are the same in all tasks."""
+
+
+def natural_dims(meta: LeRobotDatasetMetadata) -> dict[str, list[int]]:
+    """Returns the sizes ``[observation, goal, action]`` of each task of a dataset, without padding, by sentence."""
+    own = [meta.features[key]["shape"][0] for key in (STATE, GOAL, ACTION)]
+    note = Path(meta.root) / RECORDING_FILE
+    merged = json.loads(note.read_text()).get("task_dims", {}) if note.exists() else {}
+    return {task: merged.get(task, own) for task in meta.tasks.index}
+
+
+def merge(roots: Sequence[str | Path], root: str | Path) -> Path:
+    """Merges datasets of ``gcdt record`` into one whose vectors have 35, 6 and 10 numbers.
+
+    Args:
+        roots: Folders of the datasets.
+        root: Folder of the merged dataset. An interrupted merge keeps the copies that are whole, and goes on.
+
+    Returns:
+        The folder.
+
+    Raises:
+        ValueError: There are fewer than two datasets, one was not recorded by ``gcdt record``, or the folder exists.
+    """
+    roots, root = [Path(r) for r in roots], Path(root)
+    if len(roots) < 2 or len({r.name for r in roots}) < len(roots):
+        raise ValueError(f"Merging takes two or more folders of different names, got {[str(r) for r in roots]}.")
+    for source in roots:
+        if not (source / RECORDING_FILE).exists():
+            raise ValueError(f"{source} is no dataset of `gcdt record`: {RECORDING_FILE} is missing there.")
+    if root.exists():
+        raise ValueError(f"{root} exists already; choose another folder or remove it.")
+    parts = root.with_name(root.name + ".merging")
+    datasets.disable_progress_bars()
+    copies = [_padded_copy(source, parts / source.name) for source in tqdm(roots, desc="Padding", unit="dataset")]
+    whole = parts / "merged"
+    shutil.rmtree(whole, ignore_errors=True)
+    merge_datasets(
+        [LeRobotDataset(f"local/{copy.name}", root=copy, video_backend="pyav") for copy in copies],
+        f"local/{root.name}",
+        whole,
+    )
+    sort_statistics(whole)
+    task_dims: dict[str, list[int]] = {}
+    for source in roots:
+        task_dims |= natural_dims(LeRobotDatasetMetadata(f"local/{source.name}", root=source))
+    facts = {"task_dims": task_dims, "merged_from": [json.loads((r / RECORDING_FILE).read_text()) for r in roots]}
+    (whole / RECORDING_FILE).write_text(json.dumps(facts, indent=2) + "\n")
+    root.parent.mkdir(parents=True, exist_ok=True)
+    os.replace(whole, root)
+    shutil.rmtree(parts)
+    return root
+
+
+def _padded_copy(source: Path, copy: Path) -> Path:
+    """Copies a dataset with its vectors padded; a copy that is there already is whole."""
+    if copy.exists():
+        return copy
+    meta = LeRobotDatasetMetadata(f"local/{source.name}", root=source)
+    building = copy.with_name(copy.name + ".unfinished")
+    shutil.rmtree(building, ignore_errors=True)
+    sizes = {key: vector_feature([f"{key.split('.')[-1]}_{i}" for i in range(n)]) for key, n in PADDED_SIZES.items()}
+    dataset = LeRobotDataset.create(
+        f"local/{source.name}",
+        fps=meta.fps,
+        features=sizes | {key: _own(meta.features[key]) for key in KEPT},
+        root=building,
+        robot_type=meta.robot_type,
+        use_videos=False,
+        video_backend="pyav",
+    )
+    columns = [*PADDED_SIZES, *KEPT, "episode_index", "task_index"]
+    sentences = list(meta.tasks.sort_values("task_index").index)
+    for file in sorted(source.glob("data/*/*.parquet")):
+        table = pq.read_table(file, columns=columns)
+        frames = {key: to_array(table[key]) for key in columns}
+        for i, episode in enumerate(frames["episode_index"]):
+            frame = {key: frames[key][i : i + 1] for key in KEPT}
+            for key, size in PADDED_SIZES.items():
+                vector = frames[key][i]
+                frame[key] = np.pad(vector, (0, size - len(vector)))
+            dataset.add_frame(frame | {"task": sentences[frames["task_index"][i]]})
+            if i + 1 == len(table) or frames["episode_index"][i + 1] != episode:
+                dataset.save_episode()
+    dataset.finalize()
+    os.replace(building, copy)
+    return copy
+
+
+def _own(feature: dict) -> dict:
+    return {name: feature[name] for name in ("dtype", "shape", "names")}

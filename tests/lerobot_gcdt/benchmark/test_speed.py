@@ -1,0 +1,23 @@
+"""The benchmark prints its ratios; what they are depends on the machine."""
+
+import re
+
+from lerobot_gcdt.benchmark.speed import measure
+
+
+def test_every_figure_is_printed(needle_pick_root):
+    lines = measure(needle_pick_root, "cpu", 1)
+    assert [re.sub(r"[\d.]+", "#", line.split(":")[0]) for line in lines] == [
+        "training step of # episodes (# steps)",
+        "training step / transformer alone on the same tokens",
+        "data and relabelling / training step",
+        "real tokens / computed tokens",
+        "training with LeRobot's windows of # steps / with the bank",
+        "select_action at step #",
+    ]
+    assert all(float(number) > 0 for line in lines for number in re.findall(r": ([\d.]+)", line))
+
+
+def test_computed_tokens_are_mostly_real(needle_pick_root):
+    share = float(measure(needle_pick_root, "cpu", 100)[3].split()[-1])
+    assert 0.8 <= share <= 1
