@@ -10,7 +10,6 @@ needle ended. Every stage is skipped when its output is there, so the command ca
 import argparse
 import csv
 import logging
-import shutil
 import sys
 import time
 from pathlib import Path
@@ -23,6 +22,7 @@ from lerobot_gcdt import GCDTPolicy
 from lerobot_gcdt.evaluation import describe, evaluate
 from lerobot_gcdt.pictures import film, plot_goals, plot_training
 from lerobot_gcdt.recording import record
+from lerobot_gcdt.training import arguments_to_reach, checkpoint
 
 FIRST_TEST_SEED = 100_000  # demonstrations count up from 0
 
@@ -39,7 +39,7 @@ def main():
 
     dataset = record(options.task, options.episodes, seed=0, root=options.output / "dataset")
     train(dataset, options.output / "training", options.output / "training.csv", options.steps)
-    policy = GCDTPolicy.from_pretrained(options.output / "training/checkpoints/last/pretrained_model")
+    policy = GCDTPolicy.from_pretrained(checkpoint(options.output / "training"))
     seeds = range(FIRST_TEST_SEED, FIRST_TEST_SEED + options.starts)
 
     episodes_file = options.output / "episodes.parquet"
@@ -62,30 +62,25 @@ def main():
 
 def train(dataset: Path, output: Path, curve: Path, steps: int):
     """Runs `lerobot-train`, or goes on with it from its last checkpoint."""
-    last = output / "checkpoints/last"
-    if last.exists() and int(last.resolve().name) >= steps:
+    beginning = [
+        "--policy.type=gcdt",
+        "--policy.device=cpu",
+        "--policy.push_to_hub=false",
+        # Our expert acts on what it sees now. With its past in sight, a policy trained this briefly goes on as it
+        # moved instead of looking where the goal is (README, "The policy").
+        "--policy.context_length=1",
+        "--dataset.repo_id=local/dataset",
+        f"--dataset.root={dataset}",
+        "--batch_size=8",
+        "--save_freq=500",
+        f"--log_freq={max(1, steps // 80)}",
+        "--num_workers=0",
+    ]
+    arguments = arguments_to_reach(steps, output, beginning)
+    if arguments is None:
         return
-    if last.exists():
-        arguments = [f"--config_path={last}/pretrained_model/train_config.json", "--resume=true", f"--steps={steps}"]
-    else:
-        shutil.rmtree(output, ignore_errors=True)  # an earlier run ended before its first checkpoint
+    if "--resume=true" not in arguments:
         curve.unlink(missing_ok=True)
-        arguments = [
-            "--policy.type=gcdt",
-            "--policy.device=cpu",
-            "--policy.push_to_hub=false",
-            # Our expert acts on what it sees now. With its past in sight, a policy trained this briefly goes on as it
-            # moved instead of looking where the goal is (README, "The policy").
-            "--policy.context_length=1",
-            "--dataset.repo_id=local/dataset",
-            f"--dataset.root={dataset}",
-            "--batch_size=8",
-            f"--steps={steps}",
-            "--save_freq=500",
-            f"--log_freq={max(1, steps // 80)}",
-            "--num_workers=0",
-            f"--output_dir={output}",
-        ]
     print("lerobot-train \\\n  " + " \\\n  ".join(arguments))
 
     def keep_curve(message: logging.LogRecord) -> bool:

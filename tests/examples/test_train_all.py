@@ -1,0 +1,92 @@
+"""Pretraining and fine-tuning in one command, small: weights are handed on, nothing is repeated or guessed."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from safetensors.torch import load_file
+
+import surrol_gym
+from lerobot_gcdt.merging import merge
+from lerobot_gcdt.recording import record
+
+SCRIPT = Path(__file__).parents[2] / "examples" / "train_all.py"
+TINY = ["--policy.layers=1", "--policy.width=16", "--policy.heads=2", "--policy.inner_width=16"]
+
+
+def run(datasets, output, *arguments):
+    command = [sys.executable, str(SCRIPT), f"--datasets={datasets}", f"--output={output}", *arguments]
+    environment = os.environ | {"HF_HUB_OFFLINE": "1"}
+    return subprocess.run(command, env=environment, capture_output=True, text=True)
+
+
+@pytest.fixture(scope="module")
+def datasets(tmp_path_factory):
+    """Two tasks' datasets of two episodes and their merged one; eight folders stand for the other tasks'."""
+    folder = tmp_path_factory.mktemp("datasets")
+    two = [
+        record(task, 2, 0, folder / name)
+        for task, name in (("NeedleReach", "surrol_needle_reach"), ("NeedlePick", "surrol_needle_pick"))
+    ]
+    merge(two, folder / "surrol_cross_task")
+    for name in (
+        "gauze_retrieve",
+        "peg_transfer",
+        "needle_regrasp",
+        "bi_peg_transfer",
+        "bi_peg_board",
+        "match_board_panel",
+        "pick_and_place",
+        "match_board",
+    ):
+        (folder / f"surrol_{name}").mkdir()
+    return folder
+
+
+@pytest.fixture(scope="module")
+def trained(datasets, tmp_path_factory):
+    output = tmp_path_factory.mktemp("all")
+    sizes = ["--stages=pretrain,NeedlePick", "--pretrain_steps=2", "--finetune_steps=1", "--save_freq=2"]
+    done = run(datasets, output, *sizes, "--", *TINY, "--policy.optimizer_lr=1e-12")
+    assert done.returncode == 0, done.stderr[-3000:]
+    return output, sizes
+
+
+def test_fine_tuning_starts_from_the_pretrained_weights(trained):
+    before, after = (
+        load_file(trained[0] / stage / "checkpoints/last/pretrained_model/model.safetensors")
+        for stage in ("pretrain", "NeedlePick")
+    )
+    assert before.keys() == after.keys()
+    # The learning rate is next to nothing.
+    assert all((before[key] - after[key]).abs().max() < 1e-6 for key in before)
+
+
+def test_a_second_call_repeats_nothing(trained, datasets):
+    output, sizes = trained
+    again = run(datasets, output, *sizes)
+    assert again.stdout.count("is complete already") == 2
+    assert "lerobot_train" not in again.stdout
+
+
+def test_a_missing_dataset_is_named(datasets, tmp_path):
+    few = tmp_path / "few"
+    shutil.copytree(datasets / "surrol_needle_reach", few / "surrol_needle_reach")
+    done = run(few, tmp_path / "output", "--stages=NeedleReach,NeedlePick", "--scratch")
+    assert done.returncode == 2
+    assert "surrol_needle_pick" in done.stderr and "surrol_needle_reach" not in done.stderr
+    assert not (tmp_path / "output").exists()
+
+
+def test_fine_tuning_without_pretraining_is_asked_for(datasets, tmp_path):
+    done = run(datasets, tmp_path / "output", "--stages=NeedlePick")
+    assert done.returncode == 2 and "--scratch" in done.stderr
+
+
+def test_an_unknown_stage_names_the_known_ones(datasets, tmp_path):
+    done = run(datasets, tmp_path / "output", "--stages=NeedleSew")
+    assert done.returncode == 2 and "NeedleSew" in done.stderr
+    assert all(task in done.stderr for task in surrol_gym.TASKS)
