@@ -59,8 +59,11 @@ class World:
 
     def __init__(self, solver_iterations=50):
         self.client = connect()
+        # PyBullet's usual broadphase takes bodies 0.05 su apart for neighbours, so it wakes them up too early, and when
+        # it forgets them depends on all that happened before.
+        self.client.resetSimulation(pybullet.RESET_USE_SIMPLE_BROADPHASE)
         self.props = []
-        self._moving, self._fixed = [], set()
+        self._moving, self._fixed, self._parked = [], set(), set()
         self.client.setGravity(0, 0, -9.81)
         self.client.setPhysicsEngineParameter(
             fixedTimeStep=TIME_STEP,
@@ -87,12 +90,14 @@ class World:
         Returns:
             The body's id.
         """
-        client = self.client
+        client, path = self.client, ASSETS / file_name
         body = client.loadURDF(
-            str(ASSETS / file_name),
+            str(path),
             position,
             pybullet.getQuaternionFromEuler((0, 0, yaw)),
             useFixedBase=fixed,
+            # Contacts with a plain rigid body cost less than those with a chain of links, and come out the same.
+            useMaximalCoordinates=fixed and "<joint" not in path.read_text(),
             globalScaling=SCALING,
             flags=pybullet.URDF_IGNORE_VISUAL_SHAPES,
         )
@@ -122,6 +127,7 @@ class World:
 
     def place(self, body, position, orientation=(0, 0, 0, 1)):
         """Moves a body's centre-of-mass frame to a pose, stops it and wakes it up."""
+        self._parked.discard(body)
         self.client.resetBasePositionAndOrientation(body, position, orientation)
         self.client.resetBaseVelocity(body, (0, 0, 0), (0, 0, 0))
         self.client.changeDynamics(body, -1, activationState=_WAKE_UP)
@@ -134,6 +140,7 @@ class World:
     def park(self, body):
         """Leaves a body out of an episode: asleep, far from everything."""
         self.lay(body, _far_away(body))
+        self._parked.add(body)
 
     def pose(self, body):
         """Returns position (3,), su, and quaternion (x, y, z, w) of a body's centre-of-mass frame, world frame."""
@@ -170,10 +177,12 @@ class World:
         self._as_built = self.client.saveState()
 
     def get_state(self):
-        """Returns pose and velocity of every body and joint that moves, as nested tuples."""
+        """Returns pose and velocity of every body and joint that moves, as nested tuples; None for a parked body."""
         client = self.client
         return tuple(
-            (
+            None
+            if body in self._parked
+            else (
                 client.getBasePositionAndOrientation(body),
                 client.getBaseVelocity(body),
                 tuple(joint[:2] for joint in client.getJointStates(body, joints)) if joints else (),
@@ -189,29 +198,37 @@ class World:
         body costs nothing until something that moves touches it.
         """
         client = self.client
-        self.restore_built(asleep=[_rests(velocity, joints) for _, velocity, joints in state])
-        for (body, _, _), (pose, velocity, joints) in zip(self._moving, state, strict=True):
-            client.resetBasePositionAndOrientation(body, *pose)
-            client.resetBaseVelocity(body, *velocity)
-            for joint, (position, speed) in enumerate(joints):
-                client.resetJointState(body, joint, position, speed)
+        moments = {body: moment for (body, _, _), moment in zip(self._moving, state, strict=True)}
+        self.restore_built(
+            asleep={body for body, moment in moments.items() if moment is None or _rests(*moment[1:])},
+            parked={body for body, moment in moments.items() if moment is None},
+        )
+        for body, moment in moments.items():
+            if moment is not None:
+                pose, velocity, joints = moment
+                client.resetBasePositionAndOrientation(body, *pose)
+                client.resetBaseVelocity(body, *velocity)
+                for joint, (position, speed) in enumerate(joints):
+                    client.resetJointState(body, joint, position, speed)
 
-    def restore_built(self, asleep=None):
-        """Goes back to the moment of ``mark_built``.
+    def restore_built(self, asleep=(), parked=()):
+        """Goes back to the moment of ``mark_built``, when every body that moves is far from everything.
 
         Args:
-            asleep: For each body that moves whether it sleeps from now on; by default none does.
+            asleep: The bodies that sleep from now on, parked ones included.
+            parked: The bodies that stay parked.
         """
         client = self.client
         client.restoreState(self._as_built)
-        for index, (body, joints, sleeps) in enumerate(self._moving):
+        parked_before, self._parked = self._parked, set(parked)
+        for body, joints, sleeps in self._moving:
+            if body in parked_before & self._parked:
+                continue
             if sleeps:
                 # Waking up first restarts PyBullet's count of how long the body has been at rest.
-                client.changeDynamics(body, -1, activationState=_WAKE_UP)
-                if asleep and asleep[index]:
-                    client.changeDynamics(body, -1, activationState=_SLEEP)
-            # Setting filters to what they are makes PyBullet forget all pairs at once; by itself it drops only some of
-            # them in each sub-step, and the order of those that are left would change the last digits.
+                client.changeDynamics(body, -1, activationState=_WAKE_UP | _SLEEP if body in asleep else _WAKE_UP)
+            # Setting filters to what they are makes PyBullet forget all pairs at once; the order of pairs that are left
+            # would change the last digits.
             for link in range(0 if body in self._fixed else -1, len(joints)):
                 client.setCollisionFilterGroupMask(body, link, *_COLLIDES)
         # PyBullet takes two sub-steps to put a body to sleep.

@@ -169,7 +169,7 @@ def euler_to_matrix(euler):
 
 def quaternion_to_matrix(quaternion):
     """Converts a quaternion (x, y, z, w) to a rotation matrix, shape (3, 3)."""
-    return np.reshape(pybullet.getMatrixFromQuaternion(quaternion), (3, 3))
+    return np.array(pybullet.getMatrixFromQuaternion(quaternion)).reshape(3, 3)  # faster than np.reshape
 
 
 def matrix_to_quaternion(matrix):

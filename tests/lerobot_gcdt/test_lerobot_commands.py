@@ -8,8 +8,10 @@ import json
 import logging
 import re
 import shutil
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import gymnasium as gym
@@ -83,8 +85,6 @@ def trained(needle_pick_root, tmp_path_factory):
         *(*TINY, *ON_CPU, *SHORT, *TWO_EPISODES),
         *(*dataset(needle_pick_root), *environment("NeedlePick")),
         *(f"--env_eval_freq={STEPS}", f"--output_dir={output}"),
-        # Which trajectories to relabel is then no matter of chance, so that two trainings can be compared.
-        "--policy.hindsight_ratio=1",
     ]
     done = subprocess.run(
         [COMMANDS / "lerobot-train", *arguments], capture_output=True, text=True, errors="replace", timeout=300
@@ -176,6 +176,44 @@ def test_a_resumed_training_goes_on_to_more_steps(trained, tmp_path, train):
     assert json.loads((state / "training_step.json").read_text())["step"] == more
     updates = {int(v) for k, v in load_file(state / "optimizer_state.safetensors").items() if k.endswith("step")}
     assert updates == {more}
+
+
+def test_a_pretraining_that_was_killed_ends_with_the_weights_of_an_uninterrupted_one(uneven_root, tmp_path, train):
+    arguments = [
+        *(*TINY, *ON_CPU, *dataset(uneven_root), "--policy.training_stage=pretrain"),
+        *("--steps=40", "--save_freq=10", "--batch_size=4", "--num_workers=0"),
+    ]
+    killed, whole = tmp_path / "killed", tmp_path / "whole"
+    command = [COMMANDS / "lerobot-train", *arguments, f"--output_dir={killed}"]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
+        while process.poll() is None and not (killed / "checkpoints" / "last").exists():
+            time.sleep(0.01)
+        process.kill()
+    assert process.returncode == -signal.SIGKILL
+    train(f"--config_path={killed}/checkpoints/last/pretrained_model/train_config.json", "--resume=true")
+    parser._config_path_args.clear()
+    train(*arguments, f"--output_dir={whole}")
+    last = Path("checkpoints") / "000040" / "pretrained_model"
+    assert_equal_weights(weights(killed / last), weights(whole / last))
+
+
+def test_two_processes_train_as_one_with_the_same_batches(needle_pick_root, tmp_path, train):
+    arguments = [
+        *(*TINY, *ON_CPU, *dataset(needle_pick_root), "--policy.dtype=float32", "--policy.hindsight_ratio=0"),
+        *("--steps=5", "--num_workers=0", "--seed=3"),
+    ]
+    two, one = tmp_path / "two", tmp_path / "one"
+    launch = [COMMANDS / "torchrun", "--standalone", "--nproc_per_node=2", "-m", "lerobot.scripts.lerobot_train"]
+    done = subprocess.run(
+        [*launch, *arguments, "--batch_size=4", f"--output_dir={two}"], capture_output=True, text=True, timeout=300
+    )
+    assert done.returncode == 0, done.stderr[-3000:]
+    assert "4 x 2 = 8" in done.stderr + done.stdout
+    train(*arguments, "--batch_size=8", f"--output_dir={one}")
+    last = Path("checkpoints") / "last" / "pretrained_model"
+    alone, together = weights(one / last), weights(two / last)
+    for key, value in alone.items():
+        torch.testing.assert_close(together[key], value, rtol=0, atol=1e-5, msg=lambda text, key=key: f"{key}: {text}")
 
 
 def test_a_held_out_share_of_the_episodes_gives_an_evaluation_loss(needle_pick_root, tmp_path, train, capfd):

@@ -289,6 +289,21 @@ def test_a_used_environment_behaves_as_a_new_one(make, env, recorded):
     assert episode(fresh, 6, steps=40)[0] == recorded[0]
 
 
+@pytest.mark.parametrize("task", ["PegTransfer", "MatchBoard"])
+def test_an_object_that_was_let_go_does_not_depend_on_earlier_episodes(make, task):
+    def last_observation(env, seed):
+        observation, _ = env.reset(seed=seed)
+        for _ in range(50):
+            observation, *_ = env.step(expert.act(observation))
+        return observation["observation"].tobytes()
+
+    used, fresh = make(task), make(task)
+    expert = surrol_gym.make_expert(used)
+    for seed in (30002, 30000):
+        last_observation(used, seed)
+    assert last_observation(used, 30003) == last_observation(fresh, 30003)
+
+
 def test_two_environments_in_one_process_do_not_touch(make, env, recorded):
     other = make(env.unwrapped.task)
     env.reset(seed=6)
