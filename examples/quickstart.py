@@ -66,9 +66,6 @@ def train(dataset: Path, output: Path, curve: Path, steps: int):
         "--policy.type=gcdt",
         "--policy.device=cpu",
         "--policy.push_to_hub=false",
-        # Our expert acts on what it sees now. With its past in sight, a policy trained this briefly goes on as it
-        # moved instead of looking where the goal is (README, "The policy").
-        "--policy.context_length=1",
         "--dataset.repo_id=local/dataset",
         f"--dataset.root={dataset}",
         "--batch_size=8",

@@ -5,6 +5,7 @@ when it is complete, so any part can be run on any machine:
 
     python examples/train_all.py --datasets datasets --output outputs/all --device cuda
     python examples/train_all.py --datasets datasets --output outputs/all --stages NeedlePick,PegTransfer
+    python examples/train_all.py --datasets datasets --output outputs/bc --stages PegTransfer --scratch bc
 
 Several GPUs: `--launcher "accelerate launch --multi_gpu --num_processes=4 -m"`.
 """
@@ -30,7 +31,9 @@ def main():
     parser.add_argument(
         "--stages", default=",".join(["pretrain", *surrol_gym.TASKS]), help="what to train, separated by commas"
     )
-    parser.add_argument("--scratch", action="store_true", help="fine-tune from random weights, without pretraining")
+    parser.add_argument(
+        "--scratch", choices=["gcdt", "bc"], help="train tasks from random weights, with this type of policy"
+    )
     parser.add_argument("--device", default="cpu")
     parser.add_argument("--pretrain_steps", type=int, default=20_000)
     parser.add_argument("--finetune_steps", type=int, default=2_500)
@@ -48,7 +51,7 @@ def main():
         parser.error(f"{options.datasets} lacks {', '.join(needed)}; record them with `gcdt record`")
     pretrained = options.output / "pretrain"
     if not options.scratch and "pretrain" not in stages and not checkpoint(pretrained).exists():
-        parser.error(f"there is no checkpoint in {pretrained}; add the stage pretrain, or pass --scratch")
+        parser.error(f"there is no checkpoint in {pretrained}; add the stage pretrain, or pass --scratch gcdt")
 
     if "pretrain" in stages:
         merged = options.datasets / CROSS_TASK
@@ -58,8 +61,11 @@ def main():
         train(options, pretrained, options.pretrain_steps, begin)
     for task in surrol_gym.TASKS:
         if task in stages:
-            start = ["--policy.type=gcdt"] if options.scratch else [f"--policy.path={checkpoint(pretrained)}"]
-            begin = [*start, "--policy.training_stage=finetune", *on(options.datasets / folder(task))]
+            if options.scratch:
+                start = [f"--policy.type={options.scratch}"]
+            else:
+                start = [f"--policy.path={checkpoint(pretrained)}", "--policy.training_stage=finetune"]
+            begin = [*start, *on(options.datasets / folder(task))]
             train(options, options.output / task, options.finetune_steps, begin)
 
 

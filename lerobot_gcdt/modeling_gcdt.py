@@ -24,7 +24,6 @@ from lerobot_gcdt.trajectories import (
     ACHIEVED_GOAL,
     ACTION,
     GOAL,
-    REQUIRED_KEYS,
     STATE,
     TIME_TO_GOAL,
     Pieces,
@@ -222,7 +221,7 @@ class GCDTPolicy(PreTrainedPolicy):
             now = [key for key in ORDER if key != ACTION]
             new = [self._step_tokens(now, items, history.step)]
             steps = [history.step] * len(now)
-            if history.last_action is not None:
+            if history.last_action is not None and self.config.context_length > 1:
                 new.insert(0, self._step_tokens([ACTION], {ACTION: history.last_action}, history.step - 1))
                 steps.insert(0, history.step - 1)
             hidden = self.transformer(torch.cat(new, 1), self._remember_tokens(steps), history.caches)
@@ -263,12 +262,6 @@ class GCDTPolicy(PreTrainedPolicy):
 
     def _read_dataset(self, meta) -> None:
         """Loads the trajectories and adds the dataset's tasks to the configuration."""
-        missing = [key for key in REQUIRED_KEYS if key not in meta.features]
-        if missing:
-            raise KeyError(
-                f"The dataset {meta.repo_id} lacks {', '.join(missing)}; GCDT needs {', '.join(REQUIRED_KEYS)}. "
-                "Record one with `gcdt record`."
-            )
         # Nothing that LeRobot hands to a policy says how the dataset is loaded; the dataset itself holds its metadata.
         owners = gc.get_referrers(meta)
         if any(isinstance(owner, StreamingLeRobotDataset) for owner in owners):
@@ -277,6 +270,7 @@ class GCDTPolicy(PreTrainedPolicy):
                 "--dataset.streaming=false."
             )
         episodes = next((owner.episodes for owner in owners if isinstance(owner, LeRobotDataset)), None)
+        self._bank = TrajectoryBank(meta.root, self.config.device, episodes)
         self._dataset_tasks = list(meta.tasks.sort_values("task_index").index)
         natural = natural_dims(meta)
         for task in self._dataset_tasks:
@@ -288,7 +282,6 @@ class GCDTPolicy(PreTrainedPolicy):
                     f"dataset {meta.repo_id} has {dims}."
                 )
             self.config.task_dims[task] = dims
-        self._bank = TrajectoryBank(meta.root, self.config.device, episodes)
         for i, task in enumerate(self._dataset_tasks):
             self.config.expected_steps.setdefault(task, self._bank.expected_steps(i))
         self.action_sizes = torch.tensor([natural[task][2] for task in self._dataset_tasks], device=self.config.device)

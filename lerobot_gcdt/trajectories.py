@@ -166,10 +166,6 @@ class TrajectoryBank:
         start = first[source] + number * length
         return Pieces(start, torch.minimum(start + length - 1, last[source]), source)
 
-    def frames(self, index: Tensor) -> Pieces:
-        """Returns frames as pieces of one step, for policies without memory."""
-        return Pieces(index, index, torch.arange(len(index), device=index.device))
-
     def draw_cuts(self, pieces: Pieces, hindsight_ratio: float, generator: torch.Generator | None = None) -> Tensor:
         """Draws the frames in whose achieved goals pieces are relabelled in hindsight.
 

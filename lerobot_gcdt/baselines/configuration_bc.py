@@ -15,7 +15,7 @@ class BCConfig(PreTrainedConfig):
 
     Attributes:
         hidden_sizes: Sizes of the hidden layers.
-        hindsight_ratio: Share of the training frames whose goal is replaced by one achieved later in the episode.
+        hindsight_ratio: Share of the training steps whose goal is replaced by one achieved later in the episode.
         relative_goal: Whether the network also reads what is left to the goal.
         dims: Sizes of observation, goal and action. Filled from the dataset.
         optimizer_lr: Peak learning rate of AdamW, decayed along a cosine over the whole training.

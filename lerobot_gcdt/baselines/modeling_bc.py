@@ -47,7 +47,9 @@ class BCPolicy(PreTrainedPolicy):
             self.std.copy_(std.clamp(min=SMALLEST_STD))
 
     def forward(self, batch: dict[str, Tensor], reduction: str = "mean") -> tuple[Tensor, dict[str, float]]:
-        """Computes the mean squared error of the actions of a batch of frames.
+        """Computes the mean squared error of the actions.
+
+        Every frame stands for its episode, as in ``GCDTPolicy.forward``.
 
         Args:
             batch: As LeRobot's loader gives it; of it only ``index``, shape (B,), is used.
@@ -62,12 +64,13 @@ class BCPolicy(PreTrainedPolicy):
         if self._bank is None:
             raise RuntimeError("This policy was made for inference; to train it, pass dataset_meta to its constructor.")
         index = batch["index"].to(self._bank.first.device)
-        pieces = self._bank.frames(index)
+        pieces = self._bank.pieces(index, 1)
         cuts = self._bank.draw_cuts(pieces, self.config.hindsight_ratio if self.training else 0.0)
         items = {key: value[:, 0] for key, value in self._bank.sequences(pieces, cuts).items.items()}
         errors = (self._act(items) - items[ACTION]).square().mean(-1)
         if reduction == "none":
-            return errors, {}
+            total = torch.zeros(len(index), device=errors.device).index_add(0, pieces.source, errors)
+            return total / torch.bincount(pieces.source), {}
         return errors.mean(), {"action_loss": errors.mean().item()}
 
     @torch.no_grad()

@@ -1,8 +1,7 @@
 """Pretraining and fine-tuning in one command, small: weights are handed on, nothing is repeated or guessed."""
 
-import os
+import runpy
 import shutil
-import subprocess
 import sys
 from pathlib import Path
 
@@ -17,10 +16,15 @@ SCRIPT = Path(__file__).parents[2] / "examples" / "train_all.py"
 TINY = ["--policy.layers=1", "--policy.width=16", "--policy.heads=2", "--policy.inner_width=16"]
 
 
-def run(datasets, output, *arguments):
-    command = [sys.executable, str(SCRIPT), f"--datasets={datasets}", f"--output={output}", *arguments]
-    environment = os.environ | {"HF_HUB_OFFLINE": "1"}
-    return subprocess.run(command, env=environment, capture_output=True, text=True)
+@pytest.fixture
+def run(monkeypatch):
+    """Runs the script in this process."""
+    return lambda *arguments: call(monkeypatch, *arguments)
+
+
+def call(monkeypatch, datasets, output, *arguments):
+    monkeypatch.setattr(sys, "argv", [str(SCRIPT), f"--datasets={datasets}", f"--output={output}", *arguments])
+    runpy.run_path(str(SCRIPT), run_name="__main__")
 
 
 @pytest.fixture(scope="module")
@@ -50,8 +54,9 @@ def datasets(tmp_path_factory):
 def trained(datasets, tmp_path_factory):
     output = tmp_path_factory.mktemp("all")
     sizes = ["--stages=pretrain,NeedlePick", "--pretrain_steps=2", "--finetune_steps=1", "--save_freq=2"]
-    done = run(datasets, output, *sizes, "--", *TINY, "--policy.optimizer_lr=1e-12")
-    assert done.returncode == 0, done.stderr[-3000:]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("HF_HUB_OFFLINE", "1")
+        call(patch, datasets, output, *sizes, "--", *TINY, "--policy.optimizer_lr=1e-12")
     return output, sizes
 
 
@@ -65,28 +70,32 @@ def test_fine_tuning_starts_from_the_pretrained_weights(trained):
     assert all((before[key] - after[key]).abs().max() < 1e-6 for key in before)
 
 
-def test_a_second_call_repeats_nothing(trained, datasets):
+def test_a_second_call_repeats_nothing(trained, datasets, run, capfd):
     output, sizes = trained
-    again = run(datasets, output, *sizes)
-    assert again.stdout.count("is complete already") == 2
-    assert "lerobot_train" not in again.stdout
+    run(datasets, output, *sizes)
+    printed = capfd.readouterr().out
+    assert printed.count("is complete already") == 2
+    assert "lerobot_train" not in printed
 
 
-def test_a_missing_dataset_is_named(datasets, tmp_path):
+def test_a_missing_dataset_is_named(datasets, tmp_path, run, capsys):
     few = tmp_path / "few"
     shutil.copytree(datasets / "surrol_needle_reach", few / "surrol_needle_reach")
-    done = run(few, tmp_path / "output", "--stages=NeedleReach,NeedlePick", "--scratch")
-    assert done.returncode == 2
-    assert "surrol_needle_pick" in done.stderr and "surrol_needle_reach" not in done.stderr
+    with pytest.raises(SystemExit):
+        run(few, tmp_path / "output", "--stages=NeedleReach,NeedlePick", "--scratch=bc")
+    error = capsys.readouterr().err
+    assert "surrol_needle_pick" in error and "surrol_needle_reach" not in error
     assert not (tmp_path / "output").exists()
 
 
-def test_fine_tuning_without_pretraining_is_asked_for(datasets, tmp_path):
-    done = run(datasets, tmp_path / "output", "--stages=NeedlePick")
-    assert done.returncode == 2 and "--scratch" in done.stderr
+def test_fine_tuning_without_pretraining_is_asked_for(datasets, tmp_path, run, capsys):
+    with pytest.raises(SystemExit):
+        run(datasets, tmp_path / "output", "--stages=NeedlePick")
+    assert "--scratch" in capsys.readouterr().err
 
 
-def test_an_unknown_stage_names_the_known_ones(datasets, tmp_path):
-    done = run(datasets, tmp_path / "output", "--stages=NeedleSew")
-    assert done.returncode == 2 and "NeedleSew" in done.stderr
-    assert all(task in done.stderr for task in surrol_gym.TASKS)
+def test_an_unknown_stage_names_the_known_ones(datasets, tmp_path, run, capsys):
+    with pytest.raises(SystemExit):
+        run(datasets, tmp_path / "output", "--stages=NeedleSew")
+    error = capsys.readouterr().err
+    assert "NeedleSew" in error and all(task in error for task in surrol_gym.TASKS)

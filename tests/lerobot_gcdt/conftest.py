@@ -68,5 +68,6 @@ def uneven_meta(uneven_root):
 
 @pytest.fixture
 def tiny_config():
-    """A model of 2 layers and 32 numbers a token, on the CPU; each test gets its own."""
-    return GCDTConfig(layers=2, width=32, heads=2, inner_width=64, device="cpu", push_to_hub=False)
+    """A model of 2 layers and 32 numbers a token that sees its whole past, on the CPU; each test gets its own."""
+    sizes = {"layers": 2, "width": 32, "heads": 2, "inner_width": 64, "context_length": 100}
+    return GCDTConfig(**sizes, device="cpu", push_to_hub=False)

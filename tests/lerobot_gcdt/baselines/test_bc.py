@@ -34,7 +34,7 @@ def test_it_takes_its_sizes_from_the_dataset(policy):
 
 def test_training_lowers_the_loss(policy):
     optimizer = torch.optim.AdamW(policy.get_optim_params(), lr=1e-3)
-    batch = {"index": torch.arange(0, 200, 2)}
+    batch = {"index": torch.arange(0, 200, 50)}
     policy.eval()  # demonstrations as they are
     start = policy.forward(batch)[0].item()
     for _ in range(100):
@@ -46,7 +46,7 @@ def test_training_lowers_the_loss(policy):
 
 
 def test_goals_are_relabelled_in_training_only(policy):
-    batch = {"index": torch.arange(200)}
+    batch = {"index": torch.arange(0, 200, 10)}
     policy.eval()
     assert policy.forward(batch)[0] == policy.forward(batch)[0]
     policy.train()
@@ -55,9 +55,9 @@ def test_goals_are_relabelled_in_training_only(policy):
 
 def test_the_unreduced_loss_has_an_entry_a_frame(policy):
     policy.eval()
-    batch = {"index": torch.arange(10)}
+    batch = {"index": torch.arange(0, 200, 50)}
     each, _ = policy.forward(batch, reduction="none")
-    assert each.shape == (10,)
+    assert each.shape == (4,)
     assert each.mean().item() == pytest.approx(policy.forward(batch)[0].item(), rel=1e-5)
 
 
