@@ -3,9 +3,10 @@
 from dataclasses import dataclass, field
 
 from lerobot.configs.policies import PreTrainedConfig
-from lerobot.configs.types import NormalizationMode
 from lerobot.optim.optimizers import AdamWConfig
 from lerobot.optim.schedulers import CosineDecayWithWarmupSchedulerConfig
+
+from lerobot_gcdt.single_frames import SingleFrames
 
 SIZES = ("layers", "heads", "width", "inner_width", "max_timesteps")
 """Options that decide the shapes of the shared weights."""
@@ -13,7 +14,7 @@ SIZES = ("layers", "heads", "width", "inner_width", "max_timesteps")
 
 @PreTrainedConfig.register_subclass("gcdt")
 @dataclass
-class GCDTConfig(PreTrainedConfig):
+class GCDTConfig(SingleFrames):
     """Configuration of ``GCDTPolicy`` (Fu et al., ICRA 2024, arXiv 2405.18757).
 
     Attributes:
@@ -74,12 +75,6 @@ class GCDTConfig(PreTrainedConfig):
     task_dims: dict[str, list[int]] = field(default_factory=dict)
     expected_steps: dict[str, float] = field(default_factory=dict)
 
-    # Normalisation is a part of the task-specific tokenizers: LeRobot's statistics are one set per key, not per task,
-    # and are replaced by the new dataset's at fine-tuning, which would shift what pretrained tokenizers see.
-    normalization_mapping: dict[str, NormalizationMode] = field(
-        default_factory=lambda: {kind: NormalizationMode.IDENTITY for kind in ("STATE", "ENV", "ACTION")}
-    )
-
     optimizer_lr: float = 1e-3
     optimizer_weight_decay: float = 1e-4
     optimizer_grad_clip_norm: float = 1.0
@@ -105,24 +100,6 @@ class GCDTConfig(PreTrainedConfig):
             raise ValueError(f"policy.optimizer_lr must be positive, got {self.optimizer_lr}.")
         if self.dtype not in ("bfloat16", "float32"):
             raise ValueError(f"policy.dtype must be 'bfloat16' or 'float32', got {self.dtype!r}.")
-
-    def validate_features(self) -> None:
-        """Nothing to check: sizes come from ``task_dims``, because LeRobot overwrites the features at fine-tuning."""
-
-    @property
-    def observation_delta_indices(self) -> None:
-        """The loader gives single frames; the policy's trajectory bank looks up the rest."""
-        return None
-
-    @property
-    def action_delta_indices(self) -> None:
-        """See ``observation_delta_indices``."""
-        return None
-
-    @property
-    def reward_delta_indices(self) -> None:
-        """Rewards are not used."""
-        return None
 
     def get_optimizer_preset(self) -> AdamWConfig:
         """Returns AdamW (Fu et al. 2024, section IV-A)."""

@@ -3,14 +3,15 @@
 from dataclasses import dataclass, field
 
 from lerobot.configs.policies import PreTrainedConfig
-from lerobot.configs.types import NormalizationMode
 from lerobot.optim.optimizers import AdamWConfig
 from lerobot.optim.schedulers import CosineDecayWithWarmupSchedulerConfig
+
+from lerobot_gcdt.single_frames import SingleFrames
 
 
 @PreTrainedConfig.register_subclass("bc")
 @dataclass
-class BCConfig(PreTrainedConfig):
+class BCConfig(SingleFrames):
     """Configuration of ``BCPolicy``, for one task.
 
     Attributes:
@@ -27,33 +28,10 @@ class BCConfig(PreTrainedConfig):
     dims: list[int] = field(default_factory=list)
     optimizer_lr: float = 1e-3
 
-    # The network standardises by itself, as GCDT's tokenizers do.
-    normalization_mapping: dict[str, NormalizationMode] = field(
-        default_factory=lambda: {kind: NormalizationMode.IDENTITY for kind in ("STATE", "ENV", "ACTION")}
-    )
-
     def __post_init__(self):
         super().__post_init__()
         if not 0 <= self.hindsight_ratio <= 1:
             raise ValueError(f"policy.hindsight_ratio must lie in [0, 1], got {self.hindsight_ratio}.")
-
-    def validate_features(self) -> None:
-        """Nothing to check: sizes come from ``dims``."""
-
-    @property
-    def observation_delta_indices(self) -> None:
-        """The loader gives single frames."""
-        return None
-
-    @property
-    def action_delta_indices(self) -> None:
-        """The loader gives single frames."""
-        return None
-
-    @property
-    def reward_delta_indices(self) -> None:
-        """Rewards are not used."""
-        return None
 
     def get_optimizer_preset(self) -> AdamWConfig:
         """Returns AdamW."""
