@@ -1,4 +1,4 @@
-"""Evaluates trained policies on fresh starts and prints a table; training needs no simulator, so this is its own step.
+"""Evaluates trainings of GCDT and BC on fresh starts; training needs no simulator, so this is a step of its own.
 
     python examples/evaluate_all.py outputs/all/pretrain                      # a generalist, on all tasks it knows
     python examples/evaluate_all.py outputs/all/NeedlePick outputs/all/PegTransfer --tasks NeedlePick,PegTransfer
@@ -52,9 +52,9 @@ def load(folder: Path):
 
 
 def knows(policy, task: str) -> bool:
-    """Whether a policy was trained on a task; one that does not say has to be asked for the right tasks."""
+    """Whether a policy was trained on a task."""
     sentence = load_env_creator(spec(f"surrol/{task}-v0").entry_point).task_description
-    return sentence in getattr(policy.config, "task_dims", [sentence])
+    return sentence in policy.config.task_dims
 
 
 if __name__ == "__main__":

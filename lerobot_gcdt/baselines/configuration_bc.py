@@ -18,14 +18,14 @@ class BCConfig(SingleFrames):
         hidden_sizes: Sizes of the hidden layers.
         hindsight_ratio: Share of the training steps whose goal is replaced by one achieved later in the episode.
         relative_goal: Whether the network also reads what is left to the goal.
-        dims: Sizes of observation, goal and action. Filled from the dataset.
+        task_dims: Sizes ``[observation, goal, action]`` of the task, by task sentence. Filled from the dataset.
         optimizer_lr: Peak learning rate of AdamW, decayed along a cosine over the whole training.
     """
 
     hidden_sizes: tuple[int, ...] = (256, 256, 256)
     hindsight_ratio: float = 0.5
     relative_goal: bool = True
-    dims: list[int] = field(default_factory=list)
+    task_dims: dict[str, list[int]] = field(default_factory=dict)
     optimizer_lr: float = 1e-3
 
     def __post_init__(self):

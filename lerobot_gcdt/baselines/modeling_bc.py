@@ -7,6 +7,7 @@ from lerobot.policies.pretrained import PreTrainedPolicy
 from torch import Tensor, nn
 
 from lerobot_gcdt.baselines.configuration_bc import BCConfig
+from lerobot_gcdt.merging import natural_dims
 from lerobot_gcdt.tokens import SMALLEST_STD
 from lerobot_gcdt.trajectories import ACHIEVED_GOAL, ACTION, GOAL, STATE, TrajectoryBank
 
@@ -33,8 +34,8 @@ class BCPolicy(PreTrainedPolicy):
             if len(dataset_meta.tasks) > 1:
                 raise ValueError(f"BC learns one task; {dataset_meta.repo_id} holds {len(dataset_meta.tasks)}.")
             self._bank = TrajectoryBank(dataset_meta.root, config.device)
-            config.dims = [dataset_meta.features[key]["shape"][0] for key in (STATE, GOAL, ACTION)]
-        state, goal, action = config.dims
+            config.task_dims = natural_dims(dataset_meta)
+        [(state, goal, action)] = config.task_dims.values()
         inputs = state + goal * (2 if config.relative_goal else 1)
         self.register_buffer("mean", torch.zeros(inputs))
         self.register_buffer("std", torch.ones(inputs))

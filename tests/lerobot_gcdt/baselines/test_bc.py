@@ -28,7 +28,7 @@ def test_lerobot_knows_it_by_name():
 
 
 def test_it_takes_its_sizes_from_the_dataset(policy):
-    assert policy.config.dims == [19, 3, 5]
+    assert list(policy.config.task_dims.values()) == [[19, 3, 5]]
     assert policy.select_action(observation(4)).shape == (4, 5)
 
 
