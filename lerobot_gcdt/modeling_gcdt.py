@@ -16,6 +16,7 @@ from lerobot_gcdt.objectives import (
     action_errors,
     draw_hidden,
     dynamics_loss,
+    mean_of_each,
     reconstruction_loss,
     time_to_goal_loss,
 )
@@ -122,9 +123,7 @@ class GCDTPolicy(PreTrainedPolicy):
         sequences = self._draw(index, self.config.context_length, generator)
         errors = action_errors(self, sequences)
         if reduction == "none":
-            source = sequences.source[sequences.real]
-            total = torch.zeros(len(index), device=errors.device).index_add(0, source, errors)
-            return total / torch.bincount(source, minlength=len(index)), {}
+            return mean_of_each(errors, sequences.source[sequences.real], len(index)), {}
         loss = errors.mean()
         log = {"action_loss": loss.item()}
         if self.training and self.config.training_stage == "pretrain":

@@ -87,6 +87,21 @@ def reconstruction_loss(policy, sequences: Sequences, wanted: Tensor) -> Tensor:
     return torch.stack(losses).mean()
 
 
+def mean_of_each(errors: Tensor, source: Tensor, count: int) -> Tensor:
+    """Averages the errors of steps over the frames of the batch that they came from.
+
+    Args:
+        errors: Shape (N,).
+        source: Which frame each step came from, shape (N,).
+        count: Frames of the batch, each of which has steps.
+
+    Returns:
+        Shape (count,).
+    """
+    total = torch.zeros(count, device=errors.device).index_add(0, source, errors)
+    return total / torch.bincount(source, minlength=count)
+
+
 def draw_hidden(sequences: Sequences, ratio: float, generator: torch.Generator | None = None) -> Tensor:
     """Draws items to hide.
 

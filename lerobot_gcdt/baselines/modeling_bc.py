@@ -8,6 +8,7 @@ from torch import Tensor, nn
 
 from lerobot_gcdt.baselines.configuration_bc import BCConfig
 from lerobot_gcdt.merging import natural_dims
+from lerobot_gcdt.objectives import mean_of_each
 from lerobot_gcdt.tokens import SMALLEST_STD
 from lerobot_gcdt.trajectories import ACHIEVED_GOAL, ACTION, GOAL, STATE, TrajectoryBank
 
@@ -70,8 +71,7 @@ class BCPolicy(PreTrainedPolicy):
         items = {key: value[:, 0] for key, value in self._bank.sequences(pieces, cuts).items.items()}
         errors = (self._act(items) - items[ACTION]).square().mean(-1)
         if reduction == "none":
-            total = torch.zeros(len(index), device=errors.device).index_add(0, pieces.source, errors)
-            return total / torch.bincount(pieces.source), {}
+            return mean_of_each(errors, pieces.source, len(index)), {}
         return errors.mean(), {"action_loss": errors.mean().item()}
 
     @torch.no_grad()
