@@ -86,7 +86,7 @@ def train(options: argparse.Namespace, output: Path, steps: int, begin: list[str
         f"--policy.device={options.device}",
         f"--save_freq={options.save_freq}",
         "--log_freq=100",
-        "--batch_size=8",
+        "--batch_size=4",
         "--num_workers=0",
         *options.options,
     ]

@@ -37,8 +37,8 @@ class GCDTConfig(SingleFrames):
             out.
         time_to_goal_weight: The same of time-to-goal prediction.
         reconstruction_weight: The same of sequence reconstruction.
-        auxiliary_context_length: Steps in a piece of a trajectory that these three objectives read.
-        auxiliary_share: Share of the pieces of a batch that each of them reads. 1 is the paper's.
+        auxiliary_context_length: Steps in a piece of a trajectory that these three objectives read, one piece for each
+            frame of a batch. 100 is the paper's.
         hidden_ratio: Share of the items that sequence reconstruction hides.
         dtype: ``"bfloat16"`` or ``"float32"``: arithmetic of the transformer in training (LeRobot hands it to
             Accelerate). Inference is always in float32.
@@ -68,18 +68,17 @@ class GCDTConfig(SingleFrames):
     time_to_goal_weight: float = 0.1
     reconstruction_weight: float = 0.1
     auxiliary_context_length: int = 20
-    auxiliary_share: float = 0.33
     hidden_ratio: float = 0.15
     dtype: str = "bfloat16"
 
     task_dims: dict[str, list[int]] = field(default_factory=dict)
     expected_steps: dict[str, float] = field(default_factory=dict)
 
-    optimizer_lr: float = 1e-3
+    optimizer_lr: float = 2e-3
     optimizer_weight_decay: float = 1e-4
     optimizer_grad_clip_norm: float = 1.0
-    scheduler_warmup_steps: int = 1_000
-    scheduler_decay_steps: int = 20_000
+    scheduler_warmup_steps: int = 5_000
+    scheduler_decay_steps: int = 100_000
 
     def __post_init__(self):
         super().__post_init__()
@@ -88,7 +87,7 @@ class GCDTConfig(SingleFrames):
                 raise ValueError(f"policy.{name} must be positive, got {getattr(self, name)}.")
         if self.width % self.heads:
             raise ValueError(f"policy.width ({self.width}) must be a multiple of policy.heads ({self.heads}).")
-        for name in ("dropout", "hindsight_ratio", "auxiliary_share", "hidden_ratio"):
+        for name in ("dropout", "hindsight_ratio", "hidden_ratio"):
             if not 0 <= getattr(self, name) <= 1:
                 raise ValueError(f"policy.{name} must lie in [0, 1], got {getattr(self, name)}.")
         for name in ("dynamics_weight", "time_to_goal_weight", "reconstruction_weight"):

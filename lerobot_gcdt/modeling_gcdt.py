@@ -1,11 +1,8 @@
 """The goal-conditioned decision transformer as a LeRobot policy (Fu et al., ICRA 2024, arXiv 2405.18757)."""
 
-import gc
 from dataclasses import dataclass
 
 import torch
-from lerobot.datasets.lerobot_dataset import LeRobotDataset
-from lerobot.datasets.streaming_dataset import StreamingLeRobotDataset
 from lerobot.policies.pretrained import PreTrainedPolicy
 from safetensors import safe_open
 from torch import Tensor, nn
@@ -27,7 +24,6 @@ from lerobot_gcdt.trajectories import (
     GOAL,
     STATE,
     TIME_TO_GOAL,
-    Pieces,
     Sequences,
     TrajectoryBank,
 )
@@ -90,8 +86,11 @@ class GCDTPolicy(PreTrainedPolicy):
         nn.init.normal_(self.timestep_embedding.weight, std=0.02)
         self.transformer = Transformer(config.layers, config.heads, config.width, config.inner_width, config.dropout)
         for i, task in enumerate(self._dataset_tasks):
-            frames = self._bank.task == i
-            self.modules_of(task).fit({key: value[frames] for key, value in self._bank.items.items()})
+            # Goals and times are standardised as training sees them, relabelled.
+            frames = torch.nonzero(self._bank.task == i).flatten()
+            pieces = self._bank.pieces(frames[self._bank.timestep[frames] == 0], 1)
+            seen = self._bank.sequences(pieces, self._bank.draw_cuts(pieces, config.hindsight_ratio))
+            self.modules_of(task).fit({key: value[:, 0] for key, value in seen.items.items()})
         self.reset()
 
     # Training.
@@ -99,9 +98,9 @@ class GCDTPolicy(PreTrainedPolicy):
     def forward(self, batch: dict[str, Tensor], reduction: str = "mean") -> tuple[Tensor, dict[str, float]]:
         """Computes the loss of a batch of frames.
 
-        Every frame stands for its episode, which is read in pieces of ``context_length`` steps. In training mode the
-        frames are spread evenly over the tasks, each piece is relabelled with probability ``hindsight_ratio``, and in
-        pretraining the auxiliary objectives are added. In evaluation mode the loss is that of the demonstrations.
+        In evaluation mode every frame stands for its episode, which is read in pieces of ``context_length`` steps. In
+        training mode as many pieces are drawn from all episodes, evenly over the tasks; each is relabelled with
+        probability ``hindsight_ratio``, and in pretraining the auxiliary objectives are added.
 
         Args:
             batch: As LeRobot's loader gives it; of it only ``index``, shape (B,), is used.
@@ -116,18 +115,17 @@ class GCDTPolicy(PreTrainedPolicy):
         if self._bank is None:
             raise RuntimeError("This policy was made for inference; to train it, pass dataset_meta to its constructor.")
         index = batch["index"].to(self._bank.first.device)
-        # What is drawn for a batch follows from its frames, so that a resumed training repeats it.
-        generator = torch.Generator().manual_seed(hash(tuple(index.tolist())) % 2**63)
         if self.training:
-            index = self._bank.even(index)
-        sequences = self._draw(index, self.config.context_length, generator)
+            sequences = self._draw(index, self.config.context_length)
+        else:
+            sequences = self._bank.sequences(self._bank.pieces(index, self.config.context_length))
         errors = action_errors(self, sequences)
         if reduction == "none":
             return mean_of_each(errors, sequences.source[sequences.real], len(index)), {}
         loss = errors.mean()
         log = {"action_loss": loss.item()}
         if self.training and self.config.training_stage == "pretrain":
-            for name, (weight, auxiliary) in self._auxiliary_losses(index, generator).items():
+            for name, (weight, auxiliary) in self._auxiliary_losses(index).items():
                 loss = loss + weight * auxiliary
                 log[name] = auxiliary.item()
         return loss, log
@@ -235,8 +233,8 @@ class GCDTPolicy(PreTrainedPolicy):
         return self.select_action(batch)[:, None]
 
     def get_optim_params(self):
-        """Returns all parameters."""
-        return self.parameters()
+        """Returns all parameters, to be updated by PyTorch's fused optimiser."""
+        return [{"params": list(self.parameters()), "fused": True}]
 
     # Details.
 
@@ -261,15 +259,7 @@ class GCDTPolicy(PreTrainedPolicy):
 
     def _read_dataset(self, meta) -> None:
         """Loads the trajectories and adds the dataset's tasks to the configuration."""
-        # Nothing that LeRobot hands to a policy says how the dataset is loaded; the dataset itself holds its metadata.
-        owners = gc.get_referrers(meta)
-        if any(isinstance(owner, StreamingLeRobotDataset) for owner in owners):
-            raise ValueError(
-                "GCDT reads whole trajectories into memory and cannot train on a streamed dataset; pass "
-                "--dataset.streaming=false."
-            )
-        episodes = next((owner.episodes for owner in owners if isinstance(owner, LeRobotDataset)), None)
-        self._bank = TrajectoryBank(meta.root, self.config.device, episodes)
+        self._bank = TrajectoryBank.of(meta, self.config.device)
         self._dataset_tasks = list(meta.tasks.sort_values("task_index").index)
         natural = natural_dims(meta)
         for task in self._dataset_tasks:
@@ -285,31 +275,22 @@ class GCDTPolicy(PreTrainedPolicy):
             self.config.expected_steps.setdefault(task, self._bank.expected_steps(i))
         self.action_sizes = torch.tensor([natural[task][2] for task in self._dataset_tasks], device=self.config.device)
 
-    def _draw(self, index: Tensor, length: int, generator: torch.Generator, share: float = 1.0) -> Sequences:
-        """Draws relabelled pieces of the episodes of frames; a share of them, but one at least."""
-        pieces = self._bank.pieces(index, length)
-        if share < 1:
-            count = max(1, round(share * len(pieces.first)))
-            chosen = torch.randperm(len(pieces.first), generator=generator)[:count].to(index.device)
-            pieces = Pieces(pieces.first[chosen], pieces.last[chosen], pieces.source[chosen])
-        ratio = self.config.hindsight_ratio if self.training else 0.0
-        return self._bank.sequences(pieces, self._bank.draw_cuts(pieces, ratio, generator))
+    def _draw(self, index: Tensor, length: int, count: int | None = None) -> Sequences:
+        """Draws relabelled pieces for training, by the frames of a batch."""
+        pieces = self._bank.draw_pieces(index, length, count)
+        return self._bank.sequences(pieces, self._bank.draw_cuts(pieces, self.config.hindsight_ratio))
 
-    def _auxiliary_losses(self, index: Tensor, generator: torch.Generator) -> dict[str, tuple[float, Tensor]]:
+    def _auxiliary_losses(self, index: Tensor) -> dict[str, tuple[float, Tensor]]:
         """Weight and value of the auxiliary objectives that are switched on, by name."""
         config = self.config
-
-        def draw():
-            return self._draw(index, config.auxiliary_context_length, generator, config.auxiliary_share)
-
+        sequences = self._draw(index, config.auxiliary_context_length, count=1)
         losses = {}
         if config.dynamics_weight:
-            losses["dynamics_loss"] = config.dynamics_weight, dynamics_loss(self, draw())
+            losses["dynamics_loss"] = config.dynamics_weight, dynamics_loss(self, sequences)
         if config.time_to_goal_weight:
-            losses["time_to_goal_loss"] = config.time_to_goal_weight, time_to_goal_loss(self, draw())
+            losses["time_to_goal_loss"] = config.time_to_goal_weight, time_to_goal_loss(self, sequences)
         if config.reconstruction_weight:
-            sequences = draw()
-            hidden = draw_hidden(sequences, config.hidden_ratio, generator)
+            hidden = draw_hidden(sequences, config.hidden_ratio)
             losses["reconstruction_loss"] = (
                 config.reconstruction_weight,
                 reconstruction_loss(self, sequences, hidden),

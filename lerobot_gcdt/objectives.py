@@ -7,8 +7,12 @@ the causal order of those that stay, or by hiding them. Targets are standardised
 import torch
 from torch import Tensor
 
+from lerobot_gcdt.draws import uniform
 from lerobot_gcdt.tokens import ORDER
 from lerobot_gcdt.trajectories import ACTION, GOAL, STATE, TIME_TO_GOAL, Sequences
+
+_HIDE = 100
+"""Random numbers from here on decide what is hidden; smaller ones are the trajectory bank's."""
 
 
 def action_errors(policy, sequences: Sequences) -> Tensor:
@@ -102,7 +106,7 @@ def mean_of_each(errors: Tensor, source: Tensor, count: int) -> Tensor:
     return total / torch.bincount(source, minlength=count)
 
 
-def draw_hidden(sequences: Sequences, ratio: float, generator: torch.Generator | None = None) -> Tensor:
+def draw_hidden(sequences: Sequences, ratio: float) -> Tensor:
     """Draws items to hide.
 
     A goal is the same at every step of a trajectory and is therefore hidden in all of it or nowhere.
@@ -110,15 +114,13 @@ def draw_hidden(sequences: Sequences, ratio: float, generator: torch.Generator |
     Args:
         sequences: Packed trajectories.
         ratio: Share of the items to hide.
-        generator: Where the randomness comes from, on the CPU.
 
     Returns:
         Booleans of shape (R, S, 4), in the order of the tokens.
     """
-    device = sequences.segment.device
-    wanted = torch.rand(*sequences.segment.shape, len(ORDER), generator=generator).to(device) < ratio
-    of_piece = torch.rand(int(sequences.segment.max()) + 1, generator=generator).to(device) < ratio
-    wanted[:, :, ORDER.index(GOAL)] = of_piece[sequences.segment]
+    kinds = torch.arange(len(ORDER), device=sequences.key.device)
+    wanted = uniform(sequences.key[..., None], sequences.timestep[..., None], _HIDE + kinds) < ratio
+    wanted[:, :, ORDER.index(GOAL)] = uniform(sequences.key, _HIDE) < ratio
     return wanted & sequences.real[..., None]
 
 

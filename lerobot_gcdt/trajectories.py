@@ -4,6 +4,7 @@ LeRobot's loader decodes a window of 50 steps for 64 samples in more than a seco
 millisecond. The policy therefore asks the loader for single frames and looks the rest up here by their ``index``.
 """
 
+import gc
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -11,7 +12,12 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import torch
+from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
+from lerobot.datasets.lerobot_dataset import LeRobotDataset
+from lerobot.datasets.streaming_dataset import StreamingLeRobotDataset
 from torch import Tensor
+
+from lerobot_gcdt.draws import combine, uniform
 
 STATE = "observation.state"
 GOAL = "observation.goal"
@@ -19,6 +25,9 @@ ACHIEVED_GOAL = "observation.achieved_goal"
 TIME_TO_GOAL = "observation.time_to_goal"
 ACTION = "action"
 REQUIRED_KEYS = (STATE, GOAL, ACHIEVED_GOAL, TIME_TO_GOAL, ACTION)
+
+# What a random number is for; others are in objectives.py.
+_TASK, _FRAME, _RELABEL, _CUT = range(4)
 
 
 @dataclass
@@ -30,6 +39,7 @@ class Sequences:
         timestep: Step within its episode, shape (R, S).
         segment: Which piece a step belongs to, shape (R, S); -1 marks padding.
         source: Which frame of the batch the piece came from, shape (R, S).
+        key: What random numbers for the piece are drawn by, shape (R, S).
         task: Index of the step's task in the dataset, shape (R, S).
     """
 
@@ -37,6 +47,7 @@ class Sequences:
     timestep: Tensor
     segment: Tensor
     source: Tensor
+    key: Tensor
     task: Tensor
 
     @property
@@ -59,11 +70,13 @@ class Pieces:
         first: Index of the first frame.
         last: Index of the last frame.
         source: Which frame of the batch asked for the piece.
+        key: What random numbers for the piece are drawn by.
     """
 
     first: Tensor
     last: Tensor
     source: Tensor
+    key: Tensor
 
 
 class TrajectoryBank:
@@ -72,7 +85,7 @@ class TrajectoryBank:
     Args:
         root: Folder of the dataset; its ``data/`` parquet files are read once.
         device: Where the tensors live.
-        training_episodes: Episodes that ``even`` may choose from, None for all.
+        training_episodes: Episodes that ``draw_pieces`` chooses from, None for all.
 
     Raises:
         FileNotFoundError: There are no data files, as with ``--dataset.streaming=true``.
@@ -113,10 +126,31 @@ class TrajectoryBank:
         training = torch.ones(n, dtype=torch.bool, device=device)
         if training_episodes is not None:
             training = torch.isin(self.episode, torch.tensor(training_episodes, device=device))
-        self._training_order = torch.nonzero(training).flatten()
         self._training_frames = [
             torch.nonzero(training & (self.task == i)).flatten() for i in self.task[training].unique().tolist()
         ]
+
+    @classmethod
+    def of(cls, meta: LeRobotDatasetMetadata, device: str | torch.device) -> "TrajectoryBank":
+        """Reads the dataset whose metadata LeRobot hands to a policy; draws only from the episodes it trains on.
+
+        Args:
+            meta: The metadata.
+            device: Where the tensors live.
+
+        Raises:
+            ValueError: The dataset is streamed.
+            FileNotFoundError, KeyError: See the class.
+        """
+        # Nothing that LeRobot hands to a policy says how the dataset is loaded; the dataset itself holds its metadata.
+        owners = gc.get_referrers(meta)
+        if any(isinstance(owner, StreamingLeRobotDataset) for owner in owners):
+            raise ValueError(
+                "Whole trajectories are read into memory, so a streamed dataset cannot be trained on; pass "
+                "--dataset.streaming=false."
+            )
+        episodes = next((owner.episodes for owner in owners if isinstance(owner, LeRobotDataset)), None)
+        return cls(meta.root, device, episodes)
 
     def __len__(self) -> int:
         return len(self.timestep)
@@ -125,29 +159,6 @@ class TrajectoryBank:
         """Returns the mean time-to-goal at the start of the episodes of one task, steps."""
         starts = (self.timestep == 0) & (self.task == task)
         return float(self.items[TIME_TO_GOAL][starts].mean())
-
-    def even(self, index: Tensor) -> Tensor:
-        """Spreads frames evenly over the tasks, whatever the sizes of their shares of the dataset.
-
-        The frames for training in their order are cut into as many equal stretches as there are tasks, and each
-        stretch is laid over one task. Frames that the loader draws uniformly so become uniform over the tasks, and
-        over the frames of each.
-
-        Args:
-            index: Frames for training, shape (B,).
-
-        Returns:
-            Frames for training, shape (B,).
-        """
-        by_task = self._training_frames
-        if len(by_task) == 1:
-            return index
-        place = torch.searchsorted(self._training_order, index) * len(by_task)
-        count = len(self._training_order)
-        stretch, within = place // count, place % count
-        return torch.stack([frames[within * len(frames) // count] for frames in by_task])[
-            stretch, torch.arange(len(index), device=index.device)
-        ]
 
     def pieces(self, index: Tensor, length: int) -> Pieces:
         """Cuts the episodes of frames into pieces of some length; the last piece of each may be shorter.
@@ -159,14 +170,38 @@ class TrajectoryBank:
         Returns:
             All pieces of the episode of each frame.
         """
-        first, last = self.first[index], self.last[index]
-        counts = (last - first) // length + 1
+        counts = (self.last[index] - self.first[index]) // length + 1
         source = torch.repeat_interleave(torch.arange(len(index), device=index.device), counts)
         number = torch.arange(len(source), device=index.device) - (counts.cumsum(0) - counts)[source]
-        start = first[source] + number * length
-        return Pieces(start, torch.minimum(start + length - 1, last[source]), source)
+        return self._pieces(self.first[index][source] + number * length, length, source, combine(index[source], number))
 
-    def draw_cuts(self, pieces: Pieces, hindsight_ratio: float, generator: torch.Generator | None = None) -> Tensor:
+    def draw_pieces(self, index: Tensor, length: int, count: int | None = None) -> Pieces:
+        """Draws pieces for training: of each task alike, however large its share of the dataset, and of any episode.
+
+        What is drawn follows from the frames of the batch, one by one (``lerobot_gcdt.draws``).
+
+        Args:
+            index: Frames, shape (B,).
+            length: Steps of a piece.
+            count: Pieces for each frame; None for as many as its episode has.
+
+        Returns:
+            The pieces.
+        """
+        if count is None:
+            asked = self.pieces(index, length)
+            source, key = asked.source, asked.key
+        else:
+            source = torch.arange(len(index), device=index.device).repeat_interleave(count)
+            key = combine(index[source], torch.arange(count, device=index.device).repeat(len(index)))
+        frames = torch.cat(self._training_frames)
+        sizes = torch.tensor([len(own) for own in self._training_frames], device=index.device)
+        task = (uniform(key, _TASK) * len(sizes)).long()
+        place = (uniform(key, _FRAME) * sizes[task]).long()
+        frame = frames[(sizes.cumsum(0) - sizes)[task] + place]
+        return self._pieces(frame - self.timestep[frame] % length, length, source, key)
+
+    def draw_cuts(self, pieces: Pieces, hindsight_ratio: float) -> Tensor:
         """Draws the frames in whose achieved goals pieces are relabelled in hindsight.
 
         Each is uniform over what its episode holds from the piece's first frame on. With whole episodes as pieces and
@@ -176,15 +211,13 @@ class TrajectoryBank:
         Args:
             pieces: The pieces.
             hindsight_ratio: Probability of relabelling.
-            generator: Where the randomness comes from, on the CPU.
 
         Returns:
             Frames, shape (P,); the first frame of a piece stands for no relabelling.
         """
         first = pieces.first
-        draw = torch.rand(2, len(first), generator=generator).to(first.device)
-        ahead = (draw[0] * (self.last[first] - first + 1)).long()
-        return torch.where(draw[1] < hindsight_ratio, first + ahead, first)
+        ahead = (uniform(pieces.key, _CUT) * (self.last[first] - first + 1)).long()
+        return torch.where(uniform(pieces.key, _RELABEL) < hindsight_ratio, first + ahead, first)
 
     def sequences(self, pieces: Pieces, cuts: Tensor | None = None) -> Sequences:
         """Relabels pieces of episodes and packs them into rows.
@@ -210,7 +243,12 @@ class TrajectoryBank:
         hindsight = (cut > first[segment])[..., None]
         items[GOAL] = torch.where(hindsight, self.items[ACHIEVED_GOAL][cut], items[GOAL])
         items[TIME_TO_GOAL] = torch.where(hindsight, (cut - frames)[..., None], items[TIME_TO_GOAL])
-        return Sequences(items, self.timestep[frames], segment, pieces.source[segment], self.task[frames])
+        return Sequences(
+            items, self.timestep[frames], segment, pieces.source[segment], pieces.key[segment], self.task[frames]
+        )
+
+    def _pieces(self, first: Tensor, length: int, source: Tensor, key: Tensor) -> Pieces:
+        return Pieces(first, torch.minimum(first + length - 1, self.last[first]), source, key)
 
 
 def _pack(lengths: list[int], device: torch.device) -> tuple[Tensor, Tensor]:

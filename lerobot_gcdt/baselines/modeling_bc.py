@@ -34,7 +34,7 @@ class BCPolicy(PreTrainedPolicy):
         if dataset_meta is not None:
             if len(dataset_meta.tasks) > 1:
                 raise ValueError(f"BC learns one task; {dataset_meta.repo_id} holds {len(dataset_meta.tasks)}.")
-            self._bank = TrajectoryBank(dataset_meta.root, config.device)
+            self._bank = TrajectoryBank.of(dataset_meta, config.device)
             config.task_dims = natural_dims(dataset_meta)
         [(state, goal, action)] = config.task_dims.values()
         inputs = state + goal * (2 if config.relative_goal else 1)
@@ -66,7 +66,7 @@ class BCPolicy(PreTrainedPolicy):
         if self._bank is None:
             raise RuntimeError("This policy was made for inference; to train it, pass dataset_meta to its constructor.")
         index = batch["index"].to(self._bank.first.device)
-        pieces = self._bank.pieces(index, 1)
+        pieces = self._bank.draw_pieces(index, 1) if self.training else self._bank.pieces(index, 1)
         cuts = self._bank.draw_cuts(pieces, self.config.hindsight_ratio if self.training else 0.0)
         items = {key: value[:, 0] for key, value in self._bank.sequences(pieces, cuts).items.items()}
         errors = (self._act(items) - items[ACTION]).square().mean(-1)

@@ -52,8 +52,7 @@ def measure(root: Path, device: str, context_length: int) -> list[str]:
     policy.to(device)
     optimizer = torch.optim.AdamW(policy.parameters(), lr=1e-4)
     index = torch.randint(len(policy._bank), (BATCH,), generator=torch.Generator().manual_seed(0))
-    generator = torch.Generator().manual_seed(0)
-    sequences = policy._draw(index.to(device), context_length, generator)
+    sequences = policy._draw(index.to(device), context_length)
     kinds = len(ORDER) if context_length > 1 else len(ORDER) - 1
     r, s = sequences.segment.shape
     mask = policy._attention_mask(sequences, kinds, context_length, causal=True)
@@ -77,7 +76,7 @@ def measure(root: Path, device: str, context_length: int) -> list[str]:
         {
             "step": step(lambda: policy.forward({"index": index})[0]),
             "bare": step(bare),
-            "data": lambda: policy._draw(index.to(device), context_length, generator),
+            "data": lambda: policy._draw(index.to(device), context_length),
         },
         device,
     )

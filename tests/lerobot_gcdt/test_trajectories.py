@@ -121,23 +121,41 @@ def test_every_frame_of_a_demonstration_once_gives_the_papers_mix(bank):
     assert lengths.tolist() == [50, *range(1, 50)]  # the original, and a truncation at every later step
 
 
-def test_frames_spread_evenly_over_tasks_of_different_sizes(uneven_root):
+def test_drawn_pieces_are_spread_evenly_over_tasks_of_different_sizes(uneven_root):
     bank = TrajectoryBank(uneven_root)
     assert torch.bincount(bank.task).tolist() == [200, 50]
-    spread = bank.even(torch.arange(250))
-    assert torch.bincount(bank.task[spread]).tolist() == [125, 125]
-    assert torch.bincount(spread[bank.task[spread] == 1] - 200).unique().tolist() == [2, 3]
+    pieces = bank.draw_pieces(torch.arange(250), 1)
+    assert len(pieces.first) == 250 * 50
+    counts = torch.bincount(pieces.first, minlength=250).float()
+    assert counts[:200].sum().item() == pytest.approx(6250, rel=0.05)
+    assert counts[:200].min() > 10 and counts[200:].min() > 80  # every frame of a task is as likely as any other
 
 
-def test_frames_spread_over_the_training_episodes_only(uneven_root):
+def test_drawn_pieces_come_from_the_training_episodes_only(uneven_root):
     bank = TrajectoryBank(uneven_root, training_episodes=[0, 1, 4])
-    spread = bank.even(torch.tensor([*range(100), *range(200, 250)]))
-    assert bank.episode[spread].unique().tolist() == [0, 1, 4]
+    pieces = bank.draw_pieces(torch.tensor([*range(100), *range(200, 250)]), 1)
+    assert bank.episode[pieces.first].unique().tolist() == [0, 1, 4]
 
 
-def test_frames_of_a_single_task_stay_as_they_are(bank):
+@pytest.mark.parametrize("length", [1, 7, 50])
+def test_drawn_pieces_are_pieces_of_episodes_and_as_many_as_those_of_the_frames(bank, length):
     index = torch.tensor([3, 77, 199])
-    assert torch.equal(bank.even(index), index)
+    drawn = bank.draw_pieces(index, length)
+    assert torch.equal(drawn.source, bank.pieces(index, length).source)
+    every = bank.pieces(torch.arange(0, 200, 50), length)
+    known = set(zip(every.first.tolist(), every.last.tolist(), strict=True))
+    assert set(zip(drawn.first.tolist(), drawn.last.tolist(), strict=True)) <= known
+
+
+def test_a_number_of_pieces_for_each_frame_can_be_asked_for(bank):
+    assert bank.draw_pieces(torch.tensor([3, 77]), 20, count=2).source.tolist() == [0, 0, 1, 1]
+
+
+def test_what_is_drawn_for_a_frame_follows_from_it_alone(bank):
+    together, alone = bank.draw_pieces(torch.tensor([3, 77]), 7), bank.draw_pieces(torch.tensor([77]), 7)
+    own = together.source == 1
+    assert torch.equal(together.first[own], alone.first)
+    assert torch.equal(bank.draw_cuts(together, 0.5)[own], bank.draw_cuts(alone, 0.5))
 
 
 def test_trajectories_that_are_not_relabelled_are_whole(bank):

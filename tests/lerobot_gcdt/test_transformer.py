@@ -26,7 +26,7 @@ def test_equals_hugging_face_gpt2_with_copied_weights():
     ours = make_transformer()
     config = transformers.GPT2Config(
         vocab_size=1, n_positions=16, n_embd=WIDTH, n_layer=LAYERS, n_head=HEADS, n_inner=INNER,
-        resid_pdrop=0, embd_pdrop=0, attn_pdrop=0,
+        resid_pdrop=0, embd_pdrop=0, attn_pdrop=0, activation_function="relu",
     )  # fmt: skip
     reference = transformers.GPT2Model(config).eval()
     with torch.no_grad():
