@@ -1,6 +1,6 @@
 """Evaluation: policies, tasks and seeds in, one row an episode out."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from math import sqrt
 
 import gymnasium as gym
@@ -47,7 +47,7 @@ def evaluate(policy, tasks: Iterable[str], seeds: Iterable[int], batch_size: int
         for task in tasks:
             for start in range(0, len(seeds), batch_size):
                 batch = seeds[start : start + batch_size]
-                success, last = _rollout(policy, task, batch)
+                success, last = rollout(policy, task, batch)
                 for i, seed in enumerate(batch):
                     reached = success[:, i].any()
                     rows.append(
@@ -63,6 +63,42 @@ def evaluate(policy, tasks: Iterable[str], seeds: Iterable[int], batch_size: int
                     )
                 bar.update(len(batch))
     return pd.DataFrame(rows)
+
+
+def rollout(
+    policy, task: str, seeds: list[int], watch: Callable[[gym.vector.VectorEnv], None] | None = None, **options
+) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Runs one episode a seed, side by side, to the time limit.
+
+    Args:
+        policy: Anything with LeRobot's ``reset()`` and ``select_action(batch)``.
+        task: Name of the task.
+        seeds: Seed of the reset of each episode.
+        watch: Called with the vector environment before the first step and after each.
+        **options: Arguments of ``gym.make``.
+
+    Returns:
+        Success after each step, booleans (T, B), and the last observation, arrays (B, size).
+    """
+    env_id = f"surrol/{task}-v0"
+    envs = gym.vector.SyncVectorEnv([lambda: gym.make(env_id, disable_env_checker=True, **options)] * len(seeds))
+    try:
+        sentence = envs.get_attr("task_description")[0]
+        observation, _ = envs.reset(seed=seeds)
+        policy.reset()
+        success = []
+        for _ in range(gym.spec(env_id).max_episode_steps):
+            if watch:
+                watch(envs)
+            with torch.no_grad():
+                action = policy.select_action(observation_batch(policy, observation, sentence))
+            observation, _, _, _, info = envs.step(action.cpu().numpy())
+            success.append(info["is_success"])
+        if watch:
+            watch(envs)
+    finally:
+        envs.close()
+    return np.stack(success), observation
 
 
 def observation_batch(policy, observation: dict[str, np.ndarray], sentence: str) -> dict:
@@ -110,22 +146,3 @@ def describe(episodes: pd.DataFrame) -> str:
                 f"{len(rows)} starts, seeds {rows.seed.min()}-{rows.seed.max()})"
             )
     return "\n".join(lines)
-
-
-def _rollout(policy, task: str, seeds: list[int]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Runs one episode a seed side by side; returns success by step, booleans (T, B), and the last observation."""
-    env_id = f"surrol/{task}-v0"
-    envs = gym.vector.SyncVectorEnv([lambda: gym.make(env_id, disable_env_checker=True)] * len(seeds))
-    try:
-        sentence = envs.get_attr("task_description")[0]
-        observation, _ = envs.reset(seed=seeds)
-        policy.reset()
-        success = []
-        for _ in range(gym.spec(env_id).max_episode_steps):
-            with torch.no_grad():
-                action = policy.select_action(observation_batch(policy, observation, sentence))
-            observation, _, _, _, info = envs.step(action.cpu().numpy())
-            success.append(info["is_success"])
-    finally:
-        envs.close()
-    return np.stack(success), observation

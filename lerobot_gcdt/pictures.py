@@ -3,7 +3,6 @@
 from collections.abc import Iterable
 from pathlib import Path
 
-import gymnasium as gym
 import matplotlib
 
 matplotlib.use("Agg")
@@ -11,17 +10,18 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
-import torch
 from lerobot.utils.io_utils import write_video
+from PIL import Image, ImageDraw
 from tqdm import tqdm
 
-from lerobot_gcdt.evaluation import observation_batch
+from lerobot_gcdt.evaluation import rollout
+from surrol_gym.envs.goal_env import GoalEnv
 
 REACHED, MISSED = "#1a7f5a", "#c0392b"
 
 
-def film(policy, task: str, seeds: Iterable[int], path: str | Path, size: int = 384) -> Path:
-    """Films a policy, one episode after the other.
+def film(policy, task: str, seeds: Iterable[int], path: str | Path, size: int = 384) -> list[bool]:
+    """Films a policy, one episode after the other, at twice the speed of the simulation.
 
     Args:
         policy: Anything with LeRobot's ``reset()`` and ``select_action(batch)``.
@@ -31,28 +31,21 @@ def film(policy, task: str, seeds: Iterable[int], path: str | Path, size: int = 
         size: Width and height of the picture, pixels; even.
 
     Returns:
-        The path.
+        Whether each episode ended in success.
     """
-    env = gym.make(f"surrol/{task}-v0", render_mode="rgb_array", width=size, height=size)
-    frames = []
-    try:
-        for seed in tqdm(list(seeds), desc="Filming", unit="episode"):
-            observation, _ = env.reset(seed=seed)
-            policy.reset()
-            truncated = False
-            while not truncated:
-                frames.append(env.render())
-                row = {key: value[None] for key, value in observation.items()}
-                batch = observation_batch(policy, row, env.unwrapped.task_description)
-                with torch.no_grad():
-                    action = policy.select_action(batch)[0].cpu().numpy()
-                observation, _, _, truncated, _ = env.step(action)
-            frames += [env.render()] * 5
-    finally:
-        env.close()
-    # Twice the speed of the simulation, whose step is 0.2 s.
-    write_video(path, frames, fps=2 * env.metadata["render_fps"])
-    return Path(path)
+    look = {"render_mode": "rgb_array", "width": size, "height": size}
+    frames, ended_well = [], []
+    for seed in tqdm(list(seeds), desc="Filming", unit="episode"):
+        pictures: list[np.ndarray] = []
+        success, _ = rollout(policy, task, [seed], lambda envs, own=pictures: own.append(envs.render()[0]), **look)
+        succeeded = [False, *success[:, 0]]
+        captioned = [
+            _caption(picture, f"{task}, seed {seed}, step {t}", succeeded[t]) for t, picture in enumerate(pictures)
+        ]
+        frames += [*captioned, *[captioned[-1]] * 5]
+        ended_well.append(bool(succeeded[-1]))
+    write_video(path, frames, fps=2 * GoalEnv.metadata["render_fps"])
+    return ended_well
 
 
 def plot_training(curve: pd.DataFrame, path: str | Path) -> Path:
@@ -99,6 +92,17 @@ def plot_goals(episodes: pd.DataFrame, path: str | Path) -> Path:
     ranked.set(xlabel="episode, by distance", ylabel="distance from the goal at the end (su)", yscale="log")
     ranked.set_title("Distance at the end (1 su = 0.2 m)")
     return _save(figure, path)
+
+
+def _caption(picture: np.ndarray, text: str, success: bool) -> np.ndarray:
+    """Writes a line onto a bar along the lower edge of a picture; the bar is green in success."""
+    height, width = picture.shape[:2]
+    bar = height // 16
+    image = Image.fromarray(picture)
+    draw = ImageDraw.Draw(image)
+    draw.rectangle((0, height - bar, width, height), fill=REACHED if success else "#333333")
+    draw.text((bar // 3, height - bar // 2), text, fill="white", font_size=0.75 * bar, anchor="lm")
+    return np.asarray(image)
 
 
 def _save(figure, path: str | Path) -> Path:
