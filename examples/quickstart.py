@@ -32,7 +32,7 @@ def main():
     parser.add_argument("--output", type=Path, default=Path("outputs/quickstart"), help="folder of all results")
     parser.add_argument("--task", default="NeedlePick", help="name of the task (default NeedlePick)")
     parser.add_argument("--episodes", type=int, default=100, help="demonstrations (default 100)")
-    parser.add_argument("--steps", type=int, default=2000, help="optimiser steps (default 2000)")
+    parser.add_argument("--steps", type=int, default=1000, help="optimiser steps (default 1000)")
     parser.add_argument("--starts", type=int, default=100, help="episodes of the evaluation (default 100)")
     options = parser.parse_args()
     started = time.monotonic()
@@ -68,7 +68,7 @@ def train(dataset: Path, output: Path, curve: Path, steps: int):
         "--policy.push_to_hub=false",
         "--dataset.repo_id=local/dataset",
         f"--dataset.root={dataset}",
-        "--batch_size=8",
+        "--batch_size=4",
         "--save_freq=500",
         f"--log_freq={max(1, steps // 80)}",
         "--num_workers=0",

@@ -1,7 +1,7 @@
 """Trains GCDT on everything: cross-task pretraining on all ten tasks, then fine-tuning on each.
 
-Needs the ten datasets (`gcdt record`), but no simulator. Every stage goes on where it was interrupted and is skipped
-when it is complete, so any part can be run on any machine:
+Needs the ten datasets (`gcdt record --all --root datasets`), but no simulator. Every stage goes on where it was
+interrupted and is skipped when it is complete, so any part can be run on any machine:
 
     python examples/train_all.py --datasets datasets --output outputs/all --device cuda
     python examples/train_all.py --datasets datasets --output outputs/all --stages NeedlePick,PegTransfer
@@ -11,17 +11,16 @@ Several GPUs: `--launcher "accelerate launch --multi_gpu --num_processes=4 -m"`.
 """
 
 import argparse
-import re
 import shlex
 import subprocess
 import sys
 from pathlib import Path
 
 import surrol_gym
+from lerobot_gcdt.collection import CROSS_TASK
 from lerobot_gcdt.merging import merge
+from lerobot_gcdt.recording import dataset_name
 from lerobot_gcdt.training import arguments_to_reach, checkpoint
-
-CROSS_TASK = "surrol_cross_task"
 
 
 def main():
@@ -36,7 +35,7 @@ def main():
     )
     parser.add_argument("--device", default="cpu")
     parser.add_argument("--pretrain_steps", type=int, default=20_000)
-    parser.add_argument("--finetune_steps", type=int, default=2_500)
+    parser.add_argument("--finetune_steps", type=int, default=1_000)
     parser.add_argument("--save_freq", type=int, default=500)
     parser.add_argument("--launcher", default=f"{shlex.quote(sys.executable)} -m", help="command that runs a module")
     parser.add_argument("options", nargs="*", help="more arguments of lerobot-train, after --")
@@ -45,10 +44,11 @@ def main():
     unknown = set(stages) - {"pretrain", *surrol_gym.TASKS}
     if unknown:
         parser.error(f"unknown stages {sorted(unknown)}; choose from pretrain, {', '.join(surrol_gym.TASKS)}")
-    missing = [folder(task) for task in surrol_gym.TASKS if not (options.datasets / folder(task)).exists()]
-    needed = [name for name in missing if "pretrain" in stages or name in map(folder, stages)]
+    used = surrol_gym.TASKS if "pretrain" in stages else stages
+    needed = [name for name in map(dataset_name, used) if not (options.datasets / name).exists()]
     if needed:
-        parser.error(f"{options.datasets} lacks {', '.join(needed)}; record them with `gcdt record`")
+        command = f"gcdt record --all --root {options.datasets}"
+        parser.error(f"{options.datasets} lacks {', '.join(needed)}; record them with `{command}`")
     pretrained = options.output / "pretrain"
     if not options.scratch and "pretrain" not in stages and not checkpoint(pretrained).exists():
         parser.error(f"there is no checkpoint in {pretrained}; add the stage pretrain, or pass --scratch gcdt")
@@ -56,7 +56,7 @@ def main():
     if "pretrain" in stages:
         merged = options.datasets / CROSS_TASK
         if not merged.exists():
-            merge([options.datasets / folder(task) for task in surrol_gym.TASKS], merged)
+            merge([options.datasets / dataset_name(task) for task in surrol_gym.TASKS], merged)
         begin = ["--policy.type=gcdt", "--policy.training_stage=pretrain", *on(merged)]
         train(options, pretrained, options.pretrain_steps, begin)
     for task in surrol_gym.TASKS:
@@ -65,13 +65,8 @@ def main():
                 start = [f"--policy.type={options.scratch}"]
             else:
                 start = [f"--policy.path={checkpoint(pretrained)}", "--policy.training_stage=finetune"]
-            begin = [*start, *on(options.datasets / folder(task))]
+            begin = [*start, *on(options.datasets / dataset_name(task))]
             train(options, options.output / task, options.finetune_steps, begin)
-
-
-def folder(task: str) -> str:
-    """Name of a task's dataset: surrol_needle_pick of NeedlePick."""
-    return "surrol" + re.sub("([A-Z])", r"_\1", task).lower()
 
 
 def on(dataset: Path) -> list[str]:

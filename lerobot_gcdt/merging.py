@@ -1,7 +1,8 @@
 """Merging the datasets of several tasks into one, for cross-task training.
 
 LeRobot merges datasets whose features are equal. The tasks' are not: so each dataset is first copied with its vectors
-padded with zeros to the largest task's size, and what their natural sizes are is kept in the merged metadata.
+padded with zeros to the largest task's size, and what their natural sizes are is kept in the merged metadata. Columns
+that only some tasks can have, such as videos, are left out.
 """
 
 import json
@@ -16,17 +17,22 @@ import pyarrow.parquet as pq
 from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
 from lerobot.datasets.dataset_tools import merge_datasets
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
+from lerobot.utils.constants import DEFAULT_FEATURES
 from tqdm import tqdm
 
-from lerobot_gcdt.recording import RECORDING_FILE, sort_statistics, vector_feature
+from lerobot_gcdt.features import DISTURBANCE, REWARD, SUCCESS, vector_feature
+from lerobot_gcdt.recording import RECORDING_FILE, sort_statistics
 from lerobot_gcdt.surrol_env import ENVIRONMENT_STATE
 from lerobot_gcdt.trajectories import ACHIEVED_GOAL, ACTION, GOAL, STATE, TIME_TO_GOAL, to_array
 
-PADDED_SIZES = {STATE: 35, ENVIRONMENT_STATE: 6, GOAL: 6, ACHIEVED_GOAL: 6, ACTION: 10}
+PADDED_SIZES = {STATE: 35, ENVIRONMENT_STATE: 6, GOAL: 6, ACHIEVED_GOAL: 6, ACTION: 10, DISTURBANCE: 10}
 """The largest size of each vector among the ten tasks."""
 
-KEPT = (TIME_TO_GOAL, "next.reward", "next.success")
+KEPT = (TIME_TO_GOAL, REWARD, SUCCESS)
 """Features that are the same in all tasks."""
+
+OPTIONAL = (DISTURBANCE,)
+"""Features that older datasets lack; they are merged where all have them."""
 
 
 def natural_dims(meta: LeRobotDatasetMetadata) -> dict[str, list[int]]:
@@ -39,6 +45,8 @@ def natural_dims(meta: LeRobotDatasetMetadata) -> dict[str, list[int]]:
 
 def merge(roots: Sequence[str | Path], root: str | Path) -> Path:
     """Merges datasets of ``gcdt record`` into one whose vectors have 35, 6 and 10 numbers.
+
+    The columns are those of ``PADDED_SIZES`` and ``KEPT``; a line is printed for every other column that a dataset has.
 
     Args:
         roots: Folders of the datasets.
@@ -58,9 +66,18 @@ def merge(roots: Sequence[str | Path], root: str | Path) -> Path:
             raise ValueError(f"{source} is no dataset of `gcdt record`: {RECORDING_FILE} is missing there.")
     if root.exists():
         raise ValueError(f"{root} exists already; choose another folder or remove it.")
+    metas = [LeRobotDatasetMetadata(f"local/{source.name}", root=source) for source in roots]
+    keys = _common_keys(metas)
+    for meta in metas:
+        left_out = sorted(set(meta.features) - {*keys, *DEFAULT_FEATURES})
+        if left_out:
+            print(f"Left out of {root}: {', '.join(left_out)} of {meta.root}.")
     parts = root.with_name(root.name + ".merging")
     datasets.disable_progress_bars()
-    copies = [_padded_copy(source, parts / source.name) for source in tqdm(roots, desc="Padding", unit="dataset")]
+    copies = [
+        _padded_copy(meta, keys, parts / source.name)
+        for source, meta in tqdm(zip(roots, metas, strict=True), total=len(roots), desc="Padding", unit="dataset")
+    ]
     whole = parts / "merged"
     shutil.rmtree(whole, ignore_errors=True)
     merge_datasets(
@@ -70,8 +87,8 @@ def merge(roots: Sequence[str | Path], root: str | Path) -> Path:
     )
     sort_statistics(whole)
     task_dims: dict[str, list[int]] = {}
-    for source in roots:
-        task_dims |= natural_dims(LeRobotDatasetMetadata(f"local/{source.name}", root=source))
+    for meta in metas:
+        task_dims |= natural_dims(meta)
     facts = {"task_dims": task_dims, "merged_from": [json.loads((r / RECORDING_FILE).read_text()) for r in roots]}
     (whole / RECORDING_FILE).write_text(json.dumps(facts, indent=2) + "\n")
     root.parent.mkdir(parents=True, exist_ok=True)
@@ -80,40 +97,55 @@ def merge(roots: Sequence[str | Path], root: str | Path) -> Path:
     return root
 
 
-def _padded_copy(source: Path, copy: Path) -> Path:
-    """Copies a dataset with its vectors padded; a copy that is there already is whole."""
+def _common_keys(metas: Sequence[LeRobotDatasetMetadata]) -> list[str]:
+    """Returns the columns of the merged dataset."""
+    lacked = {key for meta in metas for key in (*PADDED_SIZES, *KEPT) if key not in meta.features}
+    needed = sorted(lacked - {*OPTIONAL})
+    if needed:
+        raise ValueError(f"Not every dataset has {', '.join(needed)}; record them with `gcdt record`.")
+    return [key for key in (*PADDED_SIZES, *KEPT) if key not in lacked]
+
+
+def _padded_copy(meta: LeRobotDatasetMetadata, keys: Sequence[str], copy: Path) -> Path:
+    """Copies columns of a dataset with its vectors padded; a copy of them that is there already is whole."""
+    note = (meta.root / RECORDING_FILE).read_text()
     if copy.exists():
-        return copy
-    meta = LeRobotDatasetMetadata(f"local/{source.name}", root=source)
+        same_recording = (copy / RECORDING_FILE).exists() and (copy / RECORDING_FILE).read_text() == note
+        if same_recording and {*keys} <= {*LeRobotDatasetMetadata(f"local/{copy.name}", root=copy).features}:
+            return copy
+        shutil.rmtree(copy)
     building = copy.with_name(copy.name + ".unfinished")
     shutil.rmtree(building, ignore_errors=True)
-    sizes = {key: vector_feature([f"{key.split('.')[-1]}_{i}" for i in range(n)]) for key, n in PADDED_SIZES.items()}
+    features = {
+        key: vector_feature([f"{key.split('.')[-1]}_{i}" for i in range(PADDED_SIZES[key])])
+        if key in PADDED_SIZES
+        else {name: meta.features[key][name] for name in ("dtype", "shape", "names")}
+        for key in keys
+    }
     dataset = LeRobotDataset.create(
-        f"local/{source.name}",
+        f"local/{copy.name}",
         fps=meta.fps,
-        features=sizes | {key: _own(meta.features[key]) for key in KEPT},
+        features=features,
         root=building,
         robot_type=meta.robot_type,
         use_videos=False,
         video_backend="pyav",
     )
-    columns = [*PADDED_SIZES, *KEPT, "episode_index", "task_index"]
+    columns = [*keys, "episode_index", "task_index"]
     sentences = list(meta.tasks.sort_values("task_index").index)
-    for file in sorted(source.glob("data/*/*.parquet")):
+    for file in sorted(meta.root.glob("data/*/*.parquet")):
         table = pq.read_table(file, columns=columns)
         frames = {key: to_array(table[key]) for key in columns}
         for i, episode in enumerate(frames["episode_index"]):
-            frame = {key: frames[key][i : i + 1] for key in KEPT}
-            for key, size in PADDED_SIZES.items():
-                vector = frames[key][i]
-                frame[key] = np.pad(vector, (0, size - len(vector)))
+            frame = {key: _padded(frames[key][i : i + 1].reshape(-1), features[key]["shape"][0]) for key in keys}
             dataset.add_frame(frame | {"task": sentences[frames["task_index"][i]]})
             if i + 1 == len(table) or frames["episode_index"][i + 1] != episode:
                 dataset.save_episode()
     dataset.finalize()
+    (building / RECORDING_FILE).write_text(note)
     os.replace(building, copy)
     return copy
 
 
-def _own(feature: dict) -> dict:
-    return {name: feature[name] for name in ("dtype", "shape", "names")}
+def _padded(vector: np.ndarray, size: int) -> np.ndarray:
+    return np.pad(vector, (0, size - len(vector)))

@@ -7,8 +7,9 @@ and ends with the same dataset as one that was never interrupted.
 
 import json
 import os
+import re
 import shutil
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -20,8 +21,8 @@ from lerobot.datasets.lerobot_dataset import LeRobotDataset
 from tqdm import tqdm
 
 import surrol_gym
-from lerobot_gcdt.surrol_env import ENVIRONMENT_STATE
-from lerobot_gcdt.trajectories import ACHIEVED_GOAL, ACTION, GOAL, STATE, TIME_TO_GOAL
+from lerobot_gcdt.features import NO_EXTRAS, Extras, describe_columns, to_columns
+from lerobot_gcdt.trajectories import TIME_TO_GOAL
 from surrol_gym.envs.psm_env import Mount
 
 RECORDING_FILE = "meta/surrol.json"
@@ -43,6 +44,7 @@ class Recording:
         episodes: How many successful episodes.
         seed: Seed of the first episode; the following ones count up, failures are left out.
         disturb: Size of the pushes that divert the arm, in units of an action; 0 for none.
+        extras: What is recorded beside what every dataset holds.
         package_version: Version of this package.
     """
 
@@ -50,10 +52,24 @@ class Recording:
     episodes: int
     seed: int
     disturb: float
+    extras: Extras
     package_version: str
 
 
-def record(task: str, episodes: int, seed: int, root: str | Path, disturb: float = 0.0) -> Path:
+def dataset_name(task: str) -> str:
+    """Returns the name of a task's published dataset, such as ``surrol_needle_pick`` of ``NeedlePick``."""
+    return "surrol" + re.sub("([A-Z])", r"_\1", task).lower()
+
+
+def record(
+    task: str,
+    episodes: int,
+    seed: int,
+    root: str | Path,
+    disturb: float = 0.0,
+    extras: Extras = NO_EXTRAS,
+    on_episode: Callable[[], None] | None = None,
+) -> Path:
     """Records successful episodes of a task's scripted expert as a LeRobot dataset.
 
     Args:
@@ -62,12 +78,15 @@ def record(task: str, episodes: int, seed: int, root: str | Path, disturb: float
         seed: Seed of the first episode.
         root: Folder of the dataset; calling again with the same arguments goes on with an interrupted recording.
         disturb: Size of the pushes that divert the arm, in [0, 1]; see ``run_episode``.
+        extras: What to record beside what every dataset holds.
+        on_episode: Called for every episode that is there; nothing is printed then.
 
     Returns:
         The folder.
 
     Raises:
         ValueError: The task is unknown, a number is out of range, or the folder holds something else.
+        OSError: The disk is full, or something else keeps files from being written; what is finished is kept.
     """
     if task not in surrol_gym.TASKS:
         raise ValueError(f"Unknown task {task!r}; choose one of {', '.join(surrol_gym.TASKS)}.")
@@ -76,23 +95,32 @@ def record(task: str, episodes: int, seed: int, root: str | Path, disturb: float
     if not 0 <= disturb <= 1:
         raise ValueError(f"The size of disturbances must lie in [0, 1], got {disturb}.")
     root = Path(root)
-    wanted = Recording(f"surrol/{task}-v0", episodes, seed, float(disturb), version("lerobot_policy_gcdt"))
+    wanted = Recording(f"surrol/{task}-v0", episodes, seed, float(disturb), extras, version("lerobot_policy_gcdt"))
+    extras.check(wanted.env_id)
     parts = root.with_name(root.name + ".recording")
     if root.exists():
         _check_same(wanted, root / RECORDING_FILE, root)
-        print(f"{root} is complete already.")
         if (parts / PARTS_NOTE).exists() or (parts.is_dir() and not any(parts.iterdir())):
             _remove_parts(parts)  # what an earlier call, interrupted at its very end, left
+        if on_episode:
+            for _ in range(episodes):
+                on_episode()
+        else:
+            print(f"{root} is complete already.")
     else:
         _prepare_parts(wanted, parts)
         env = gym.make(wanted.env_id)
         try:
-            kept = _record_episodes(env, wanted, parts)
-            _build_dataset(env, wanted, kept, parts, root)
+            kept = _record_episodes(env, wanted, parts, on_episode)
+            _build_dataset(env, wanted, kept, parts, root, silent=on_episode is not None)
+        except OSError as error:
+            told = f"{error.strerror or error}; finished episodes are kept, repeat the command to go on"
+            raise OSError(error.errno, told, str(parts)) from error
         finally:
             env.close()
         _remove_parts(parts)
-    print(summary(root))
+    if not on_episode:
+        print(summary(root))
     return root
 
 
@@ -107,23 +135,23 @@ def summary(root: str | Path) -> str:
     )
 
 
-def run_episode(env: gym.Env, seed: int, disturb: float = 0.0) -> dict[str, np.ndarray]:
+def run_episode(env: gym.Env, seed: int, disturb: float = 0.0, extras: Extras = NO_EXTRAS) -> dict[str, np.ndarray]:
     """Runs the expert for one episode, to the time limit.
 
     Demonstrations that never err do not show how to correct, and a policy cloned from them soon stops correcting.
     Disturbed ones do: now and then an arm is pushed sideways, backwards or turned for a step, more often where the
     expert moves slowly because precision matters. Never is it pushed ahead, where the jaws point, and the jaws obey.
-    The recorded action is always the expert's own, so a disturbed episode is replayed by this function, not by its
-    actions.
+    The recorded action is always the expert's own; ``env.step(action + disturbance)`` replays the episode exactly.
 
     Args:
         env: The environment.
         seed: Seed of the reset and of the pushes.
         disturb: Largest push, in units of an action.
+        extras: What to observe beside the environment's own observation.
 
     Returns:
-        Arrays over the steps: ``observation``, ``achieved_goal``, ``desired_goal`` before the step, ``action``, and
-        ``reward`` and ``success`` after it.
+        Arrays over the steps: ``observation``, ``achieved_goal``, ``desired_goal`` and the extras before the step,
+        ``action`` and ``disturbance``, and ``reward`` and ``success`` after it.
     """
     expert = surrol_gym.make_expert(env)
     rng = np.random.default_rng(seed)
@@ -131,9 +159,10 @@ def run_episode(env: gym.Env, seed: int, disturb: float = 0.0) -> dict[str, np.n
     frames, truncated = [], False
     while not truncated:
         action = expert.act(observation)
-        following, reward, _, truncated, info = env.step(action + disturb * _push(rng, action, env.unwrapped.mounts))
-        frames.append(observation | {"action": action, "reward": np.float32(reward), "success": info["is_success"]})
-        observation = following
+        disturbance = disturb * _push(rng, action, env.unwrapped.mounts) + 0.0  # turns -0 into 0
+        frame = observation | extras.observe(env) | {"action": action, "disturbance": disturbance}
+        observation, reward, _, truncated, info = env.step(action + disturbance)
+        frames.append(frame | {"reward": np.float32(reward), "success": info["is_success"]})
     return {key: np.stack([frame[key] for frame in frames]) for key in frames[0]}
 
 
@@ -150,42 +179,32 @@ def _push(rng: np.random.Generator, action: np.ndarray, mounts: tuple[Mount, ...
     return push
 
 
-def time_to_goal(success: np.ndarray) -> np.ndarray:
-    """Computes the steps that are left to the first success, 0 once it is reached.
-
-    Args:
-        success: Whether each step ended in success, shape (T,); at least one did.
-
-    Returns:
-        Shape (T,), float32; step t is before action t, so an action that succeeds at once starts at 1.
-    """
-    first = int(np.argmax(success)) + 1
-    return np.maximum(first - np.arange(len(success)), 0).astype(np.float32)
-
-
-def _record_episodes(env: gym.Env, wanted: Recording, parts: Path) -> list[Path]:
+def _record_episodes(env: gym.Env, wanted: Recording, parts: Path, on_episode: Callable[[], None] | None) -> list[Path]:
     """Records attempts until enough succeeded; returns the files of the successful ones, in order of their seeds."""
     kept: list[Path] = []
-    with tqdm(total=wanted.episodes, desc=f"Recording {env.unwrapped.task}", unit="episode") as bar:
+    name = f"Recording {env.unwrapped.task}"
+    with tqdm(total=wanted.episodes, desc=name, unit="episode", disable=on_episode is not None) as bar:
+        on_episode = on_episode or bar.update
         attempt = 0
         while len(kept) < wanted.episodes:
             file = parts / f"{wanted.seed + attempt:09d}.npz"
             if not file.exists():
                 unfinished = file.with_suffix(".unfinished")
                 with unfinished.open("wb") as stream:
-                    np.savez(stream, **run_episode(env, wanted.seed + attempt, wanted.disturb))
+                    episode = run_episode(env, wanted.seed + attempt, wanted.disturb, wanted.extras)
+                    np.savez_compressed(stream, **episode)
                 os.replace(unfinished, file)
             with np.load(file) as episode:
                 if episode["success"].any():
                     kept.append(file)
-                    bar.update()
+                    on_episode()
             attempt += 1
             if attempt >= 20 and not kept:
                 raise RuntimeError(f"The expert failed in its first {attempt} attempts at {wanted.env_id}.")
     return kept
 
 
-def _build_dataset(env: gym.Env, wanted: Recording, kept: list[Path], parts: Path, root: Path) -> None:
+def _build_dataset(env: gym.Env, wanted: Recording, kept: list[Path], parts: Path, root: Path, silent: bool) -> None:
     """Writes the dataset beside its final place and moves it there in one step."""
     building = parts / "dataset"
     shutil.rmtree(building, ignore_errors=True)
@@ -193,33 +212,21 @@ def _build_dataset(env: gym.Env, wanted: Recording, kept: list[Path], parts: Pat
     dataset = LeRobotDataset.create(
         f"local/{root.name}",
         fps=env.metadata["render_fps"],
-        features=_features(env),
+        features=describe_columns(env, wanted.extras),
         root=building,
         robot_type="dvrk_psm",
-        use_videos=False,
+        use_videos=bool(wanted.extras.cameras),
         video_backend="pyav",
     )
     steps = []
-    for file in tqdm(kept, desc="Writing the dataset", unit="episode"):
+    for file in tqdm(kept, desc="Writing the dataset", unit="episode", disable=silent):
         with np.load(file) as arrays:
-            episode = dict(arrays)
-        remaining = time_to_goal(episode["success"])
-        steps.append(int(remaining[0]))
-        for t in range(len(remaining)):
-            dataset.add_frame(
-                {
-                    STATE: episode["observation"][t],
-                    ENVIRONMENT_STATE: episode["desired_goal"][t],
-                    GOAL: episode["desired_goal"][t],
-                    ACHIEVED_GOAL: episode["achieved_goal"][t],
-                    TIME_TO_GOAL: remaining[t : t + 1],
-                    ACTION: episode["action"][t],
-                    "next.reward": episode["reward"][t : t + 1],
-                    "next.success": episode["success"][t : t + 1],
-                    "task": env.unwrapped.task_description,
-                }
-            )
-        dataset.save_episode()
+            columns = to_columns(dict(arrays))
+        steps.append(int(columns[TIME_TO_GOAL][0, 0]))
+        for t in range(len(columns[TIME_TO_GOAL])):
+            frame = {key: values[t] for key, values in columns.items()}
+            dataset.add_frame(frame | {"task": env.unwrapped.task_description})
+        dataset.save_episode(parallel_encoding=False)  # that would fork, which a worker of `--all` may not
     dataset.finalize()
     sort_statistics(building)
     facts = asdict(wanted) | {
@@ -230,28 +237,6 @@ def _build_dataset(env: gym.Env, wanted: Recording, kept: list[Path], parts: Pat
     (building / RECORDING_FILE).write_text(json.dumps(facts, indent=2) + "\n")
     root.parent.mkdir(parents=True, exist_ok=True)
     os.replace(building, root)
-
-
-def _features(env: gym.Env) -> dict[str, dict]:
-    """The dataset's features, every number named by the environment."""
-    unwrapped = env.unwrapped
-
-    goal = unwrapped.goal_names
-    return {
-        STATE: vector_feature(unwrapped.observation_names),
-        ENVIRONMENT_STATE: vector_feature(goal),
-        GOAL: vector_feature(goal),
-        ACHIEVED_GOAL: vector_feature(goal),
-        TIME_TO_GOAL: vector_feature(["steps"]),
-        ACTION: vector_feature(unwrapped.action_names),
-        "next.reward": vector_feature(["reward"]),
-        "next.success": {"dtype": "bool", "shape": (1,), "names": ["success"]},
-    }
-
-
-def vector_feature(names: Sequence[str]) -> dict:
-    """Returns LeRobot's description of a vector of named float32 numbers."""
-    return {"dtype": "float32", "shape": (len(names),), "names": list(names)}
 
 
 def sort_statistics(root: Path) -> None:

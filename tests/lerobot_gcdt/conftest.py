@@ -3,14 +3,19 @@
 The datasets are made once a session. Tests read them and must not write into them.
 """
 
+import logging
 import os
+import sys
 
 # Nothing here needs the Hub; a test that would ask it fails at once instead of waiting for the network.
 os.environ.setdefault("HF_HUB_OFFLINE", "1")
 
 import datasets
 import pytest
+from accelerate.state import AcceleratorState
+from lerobot.configs import parser
 from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
+from lerobot.scripts import lerobot_eval, lerobot_train
 
 from lerobot_gcdt import GCDTConfig
 from lerobot_gcdt.merging import merge
@@ -71,3 +76,33 @@ def tiny_config():
     """A model of 2 layers and 32 numbers a token that sees its whole past, on the CPU; each test gets its own."""
     sizes = {"layers": 2, "width": 32, "heads": 2, "inner_width": 64, "context_length": 100}
     return GCDTConfig(**sizes, device="cpu", push_to_hub=False)
+
+
+@pytest.fixture
+def command(monkeypatch):
+    """Runs the entry point of a command with arguments, and tidies up what it leaves behind in the process."""
+    root_logger = logging.getLogger()
+    handlers, level = root_logger.handlers[:], root_logger.level
+
+    def run(main, *arguments):
+        monkeypatch.setattr(sys, "argv", [main.__module__, *map(str, arguments)])
+        main()
+
+    yield run
+    parser._config_path_args.clear()
+    parser._config_yaml_overrides.clear()
+    AcceleratorState._reset_state(reset_partial_state=True)
+    root_logger.handlers[:] = handlers
+    root_logger.setLevel(level)
+
+
+@pytest.fixture
+def train(command):
+    """Runs ``lerobot-train`` in this process."""
+    return lambda *arguments: command(lerobot_train.main, *arguments)
+
+
+@pytest.fixture
+def evaluate(command):
+    """Runs ``lerobot-eval`` in this process."""
+    return lambda *arguments: command(lerobot_eval.main, *arguments)

@@ -8,6 +8,7 @@ import pytest
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
 from lerobot_gcdt import cli
+from lerobot_gcdt.features import Extras
 
 GCDT = Path(sys.executable).parent / "gcdt"
 
@@ -29,8 +30,33 @@ def test_the_example_in_the_help_is_a_valid_command(capsys, monkeypatch):
     calls = []
     monkeypatch.setattr("lerobot_gcdt.cli.record_dataset", lambda *arguments, **options: calls.append(arguments))
     example = " ".join(help_of(["record"], capsys).split()).split("example: gcdt ")[1]
-    cli.main(example.split())
+    cli.main(example.split(";")[0].split())
     assert calls
+
+
+def test_all_published_datasets_are_recorded_with_their_settings(capsys, monkeypatch):
+    calls = []
+    monkeypatch.setattr("lerobot_gcdt.cli.record_all", lambda *arguments: calls.append(arguments) or [])
+    example = " ".join(help_of(["record"], capsys).split()).split("published datasets: gcdt ")[1]
+    cli.main(example.split())
+    assert calls == [("datasets", 100, 0, 0.3, Extras(), None)]
+
+
+def test_a_single_task_is_recorded_without_pushes_unless_they_are_asked_for(monkeypatch):
+    calls = []
+    monkeypatch.setattr("lerobot_gcdt.cli.record_dataset", lambda *arguments: calls.append(arguments))
+    command = ["record", "--task", "NeedlePick", "--root", "x"]
+    cli.main(command)
+    cli.main([*command, "--disturb", "0.5"])
+    assert [arguments[4] for arguments in calls] == [0.0, 0.5]
+
+
+def test_fields_and_cameras_are_lists(monkeypatch):
+    calls = []
+    monkeypatch.setattr("lerobot_gcdt.cli.record_dataset", lambda *arguments: calls.append(arguments))
+    command = ["record", "--task", "NeedlePick", "--root", "x", "--fields", "openh"]
+    cli.main([*command, "--cameras", "overview, closeup", "--camera_size", "64"])
+    assert calls[0][-1] == Extras(["openh"], ["overview", "closeup"], 64)
 
 
 def test_record_makes_a_dataset(tmp_path, capsys):
@@ -58,8 +84,14 @@ def test_an_unknown_task_ends_with_one_line_and_no_traceback(tmp_path):
         (["--seed", "-1"], "-1"),
         (["--task", "needlepick"], "needlepick"),
         (["--disturb", "2"], "2"),
+        (["--fields", "dvrk"], "openh"),
+        (["--cameras", "overview,endoscope"], "closeup, overview"),
+        (["--cameras", "overview", "--camera_size", "7"], "7"),
     ],
-    ids=["no episodes", "negative seed", "task in lower case", "disturbed too much"],
+    ids=[
+        *("no episodes", "negative seed", "task in lower case", "disturbed too much"),
+        *("unknown fields", "unknown camera", "odd size of films"),
+    ],
 )
 def test_a_bad_argument_ends_with_one_line(changed, named, tmp_path):
     arguments = ["record", "--task", "NeedleReach", "--root", str(tmp_path / "reach"), *changed]
@@ -81,8 +113,11 @@ def test_a_folder_with_something_else_ends_with_one_line(tmp_path):
 
 @pytest.mark.parametrize(
     "arguments",
-    [[], ["sew"], ["record"], ["record", "--task", "NeedleReach", "--root", "x", "--episodes", "many"]],
-    ids=["no command", "unknown command", "nothing after the command", "no number"],
+    [
+        *([], ["sew"], ["record"], ["record", "--task", "NeedleReach", "--root", "x", "--episodes", "many"]),
+        *(["record", "--task", "NeedleReach"], ["record", "--task", "NeedleReach", "--all", "--root", "x"]),
+    ],
+    ids=["no command", "unknown command", "nothing after the command", "no number", "no folder", "one task and all"],
 )
 def test_a_malformed_command_exits_with_status_2_and_the_usage(arguments, capsys):
     with pytest.raises(SystemExit) as end:

@@ -5,7 +5,6 @@ which saves ten seconds of imports each.
 """
 
 import json
-import logging
 import re
 import shutil
 import signal
@@ -18,11 +17,9 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import torch
-from accelerate.state import AcceleratorState
 from lerobot.configs import parser
 from lerobot.configs.policies import PreTrainedConfig
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
-from lerobot.scripts import lerobot_eval, lerobot_train
 from safetensors.torch import load_file
 
 from lerobot_gcdt import GCDTPolicy
@@ -45,36 +42,6 @@ def environment(*tasks: str) -> list[str]:
     """The simulator, filming small pictures."""
     names = ",".join(f"{task}-v0" for task in tasks)
     return ["--env.type=surrol", f"--env.task={names}", "--env.width=64", "--env.height=64"]
-
-
-@pytest.fixture
-def command(monkeypatch):
-    """Runs the entry point of a command with arguments, and tidies up what it leaves behind in the process."""
-    root_logger = logging.getLogger()
-    handlers, level = root_logger.handlers[:], root_logger.level
-
-    def run(main, *arguments):
-        monkeypatch.setattr(sys, "argv", [main.__module__, *map(str, arguments)])
-        main()
-
-    yield run
-    parser._config_path_args.clear()
-    parser._config_yaml_overrides.clear()
-    AcceleratorState._reset_state(reset_partial_state=True)
-    root_logger.handlers[:] = handlers
-    root_logger.setLevel(level)
-
-
-@pytest.fixture
-def train(command):
-    """Runs ``lerobot-train`` in this process."""
-    return lambda *arguments: command(lerobot_train.main, *arguments)
-
-
-@pytest.fixture
-def evaluate(command):
-    """Runs ``lerobot-eval`` in this process."""
-    return lambda *arguments: command(lerobot_eval.main, *arguments)
 
 
 @pytest.fixture(scope="module")
@@ -199,7 +166,7 @@ def test_a_pretraining_that_was_killed_ends_with_the_weights_of_an_uninterrupted
 
 def test_two_processes_train_as_one_with_the_same_batches(needle_pick_root, tmp_path, train):
     arguments = [
-        *(*TINY, *ON_CPU, *dataset(needle_pick_root), "--policy.dtype=float32", "--policy.hindsight_ratio=0"),
+        *(*TINY, *ON_CPU, *dataset(needle_pick_root), "--policy.dtype=float32"),
         *("--steps=5", "--num_workers=0", "--seed=3"),
     ]
     two, one = tmp_path / "two", tmp_path / "one"
@@ -247,21 +214,6 @@ def test_fine_tuning_starts_from_the_checkpoint(checkpoint, needle_pick_root, tm
     )
     tuned = tmp_path / "output" / "checkpoints" / "last" / "pretrained_model"
     assert_equal_weights(weights(tuned), weights(checkpoint))
-
-
-def test_lerobots_own_act_trains_on_the_dataset_and_runs_in_the_simulator(needle_pick_root, tmp_path, train, capfd):
-    smallest = ("dim_model=32", "n_heads=2", "dim_feedforward=32", "n_encoder_layers=1", "n_vae_encoder_layers=1")
-    train(
-        *("--policy.type=act", *(f"--policy.{value}" for value in smallest), *ON_CPU, *TWO_EPISODES),
-        *(*dataset(needle_pick_root), *environment("NeedlePick"), "--batch_size=8", "--num_workers=0"),
-        *("--policy.chunk_size=5", "--policy.n_action_steps=5"),
-        *("--steps=2", "--env_eval_freq=2", f"--output_dir={tmp_path / 'output'}"),
-    )
-    model = tmp_path / "output" / "checkpoints" / "last" / "pretrained_model"
-    inputs = PreTrainedConfig.from_pretrained(model).input_features
-    assert {"observation.state", "observation.environment_state"} <= set(inputs)
-    captured = capfd.readouterr()
-    assert "pc_success" in captured.out + captured.err
 
 
 # Evaluation.

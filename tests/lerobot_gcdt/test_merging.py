@@ -1,6 +1,7 @@
 """Merging: padded vectors, natural sizes in the metadata, nothing lost, bad input refused."""
 
 import json
+import shutil
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -8,8 +9,9 @@ import pytest
 from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
+from lerobot_gcdt.features import Extras
 from lerobot_gcdt.merging import KEPT, PADDED_SIZES, merge, natural_dims
-from lerobot_gcdt.recording import RECORDING_FILE
+from lerobot_gcdt.recording import RECORDING_FILE, record
 from lerobot_gcdt.trajectories import ACTION, STATE, to_array
 
 PICK = "Pick up the needle and bring its middle to the goal."
@@ -75,6 +77,68 @@ def test_an_interrupted_merge_goes_on_and_ends_the_same(uneven_root, needle_pick
     again, once = columns(tmp_path / "uneven"), columns(uneven_root)
     assert all(np.array_equal(again[key], once[key]) for key in once)
     assert [path.name for path in tmp_path.iterdir()] == ["uneven"]
+
+
+def without(root, column, copy):
+    """Copies a dataset but for one column."""
+    shutil.copytree(root, copy)
+    info = json.loads((copy / "meta/info.json").read_text())
+    del info["features"][column]
+    (copy / "meta/info.json").write_text(json.dumps(info))
+    for file in copy.glob("data/*/*.parquet"):
+        pq.write_table(pq.read_table(file).drop_columns([column]), file)
+    return copy
+
+
+def test_what_was_added_to_the_actions_is_merged(needle_pick_root, tmp_path):
+    pushed = record("NeedleReach", 2, 0, tmp_path / "reach", 0.3)
+    merged = columns(merge([needle_pick_root, pushed], tmp_path / "merged"))["disturbance"]
+    assert not merged[:200].any()
+    assert np.array_equal(merged[200:, :5], columns(pushed)["disturbance"])
+    assert not merged[:, 5:].any()
+
+
+def test_a_column_that_an_older_dataset_lacks_is_left_out_and_named(
+    needle_pick_root, needle_reach_root, tmp_path, capsys
+):
+    older = without(needle_reach_root, "disturbance", tmp_path / "older")
+    merged = columns(merge([needle_pick_root, older], tmp_path / "merged"))
+    assert "disturbance" not in merged
+    assert f"disturbance of {needle_pick_root}" in capsys.readouterr().out
+
+
+def test_a_column_that_every_merged_dataset_needs_is_missed_by_name(needle_pick_root, needle_reach_root, tmp_path):
+    broken = without(needle_reach_root, "observation.achieved_goal", tmp_path / "broken")
+    with pytest.raises(ValueError, match="observation.achieved_goal"):
+        merge([needle_pick_root, broken], tmp_path / "merged")
+    assert not (tmp_path / "merged").exists()
+
+
+def test_films_and_further_numbers_are_left_out_and_named(needle_reach_root, tmp_path, capsys):
+    rich = record("NeedlePick", 1, 0, tmp_path / "rich", extras=Extras(["openh"], ["overview"], 32))
+    capsys.readouterr()
+    merged = columns(merge([rich, needle_reach_root], tmp_path / "merged"))
+    assert merged.keys() == {*PADDED_SIZES, *KEPT, "timestamp", "frame_index", "episode_index", "index", "task_index"}
+    printed = capsys.readouterr().out
+    assert f"observation.cartesian_state, observation.images.overview of {rich}" in printed
+    assert str(needle_reach_root) not in printed
+
+
+def test_copies_of_an_interrupted_merge_are_made_again_when_the_dataset_was_recorded_again(
+    needle_pick_root, tmp_path, monkeypatch
+):
+    def fail(*_):
+        raise KeyboardInterrupt
+
+    reach = record("NeedleReach", 1, 0, tmp_path / "reach")
+    with monkeypatch.context() as patch:
+        patch.setattr("lerobot_gcdt.merging.merge_datasets", fail)
+        with pytest.raises(KeyboardInterrupt):
+            merge([needle_pick_root, reach], tmp_path / "merged")
+    shutil.rmtree(reach)
+    record("NeedleReach", 1, 5, reach)
+    merged = columns(merge([needle_pick_root, reach], tmp_path / "merged"))
+    assert np.array_equal(merged[STATE][200:, :7], columns(reach)[STATE])
 
 
 def test_one_dataset_is_not_enough(needle_pick_root, tmp_path):

@@ -1,5 +1,6 @@
 """A recording holds successful, replayable episodes, and the same command always ends with the same bytes."""
 
+import errno
 import itertools
 import json
 import os
@@ -12,7 +13,6 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
-from lerobot.scripts import lerobot_edit_dataset
 
 import surrol_gym
 from lerobot_gcdt import recording
@@ -21,7 +21,7 @@ from surrol_gym.envs.psm_env import Mount
 DOWNWARD = (Mount(start_position=(2.5, 0.25, 3.6)),)
 """One arm whose tool points down."""
 
-ROOTS = ["needle_pick_root", "needle_reach_root"]
+ROOTS = ["needle_pick_root", "needle_reach_root", "disturbed_root"]
 
 
 def files(folder: Path) -> dict[str, bytes]:
@@ -49,6 +49,12 @@ def episodes(root: Path) -> list[dict[str, np.ndarray]]:
 def root(request):
     """Each of the recorded datasets."""
     return request.getfixturevalue(request.param)
+
+
+@pytest.fixture(scope="module")
+def disturbed_root(tmp_path_factory):
+    """The folder of a NeedleRegrasp dataset of two episodes in which the arms were pushed."""
+    return recording.record("NeedleRegrasp", 2, 0, tmp_path_factory.mktemp("disturbed") / "needle_regrasp", 0.3)
 
 
 @pytest.fixture(scope="module")
@@ -122,6 +128,7 @@ def test_features_are_those_of_the_design(root):
         "observation.achieved_goal": ("float32", g),
         "observation.time_to_goal": ("float32", 1),
         "action": ("float32", a),
+        "disturbance": ("float32", a),
         "next.reward": ("float32", 1),
         "next.success": ("bool", 1),
     }
@@ -129,7 +136,7 @@ def test_features_are_those_of_the_design(root):
 
 def test_every_number_has_a_name_of_its_own(root):
     features = LeRobotDataset("local/x", root=root).features
-    for key in [key for key in features if key.startswith(("observation.", "action", "next."))]:
+    for key in [key for key in features if key.startswith(("observation.", "action", "disturbance", "next."))]:
         assert len(set(features[key]["names"])) == features[key]["shape"][0], key
 
 
@@ -176,7 +183,7 @@ def replay(root: Path, seed: int, actions=None) -> dict[str, np.ndarray]:
     env = gym.make(facts(root)["env_id"])
     try:
         if actions is None:
-            return recording.run_episode(env, seed)
+            return recording.run_episode(env, seed, facts(root)["disturb"])
         observation, _ = env.reset(seed=seed)
         frames = []
         for action in actions:
@@ -188,9 +195,9 @@ def replay(root: Path, seed: int, actions=None) -> dict[str, np.ndarray]:
         env.close()
 
 
-def test_every_episode_replays_from_its_seed_to_the_same_numbers(root):
+def test_every_episode_replays_from_its_seed_and_its_columns_to_the_same_numbers(root):
     for seed, episode in zip(facts(root)["seeds"], episodes(root), strict=True):
-        replayed = replay(root, seed, episode["action"])
+        replayed = replay(root, seed, episode["action"] + episode["disturbance"])
         np.testing.assert_array_equal(episode["observation.state"], replayed["observation"])
         np.testing.assert_array_equal(episode["observation.goal"], replayed["desired_goal"])
         np.testing.assert_array_equal(episode["observation.achieved_goal"], replayed["achieved_goal"])
@@ -201,6 +208,11 @@ def test_every_episode_replays_from_its_seed_to_the_same_numbers(root):
 def test_the_expert_repeats_its_actions_from_the_seed(root):
     seed, episode = facts(root)["seeds"][-1], episodes(root)[-1]
     np.testing.assert_array_equal(episode["action"], replay(root, seed)["action"])
+
+
+def test_episodes_without_pushes_have_no_disturbance(needle_pick_root):
+    for episode in episodes(needle_pick_root):
+        assert not episode["disturbance"].any() and not np.signbit(episode["disturbance"]).any()
 
 
 # Disturbed demonstrations.
@@ -239,7 +251,8 @@ def test_a_disturbed_episode_records_what_the_expert_wanted(disturbed):
 
 def test_pushes_are_bounded_never_downwards_and_leave_the_jaws_alone(disturbed):
     episode, executed = disturbed
-    pushes = executed - episode["action"]
+    pushes = episode["disturbance"]
+    np.testing.assert_array_equal(episode["action"] + pushes, executed)
     assert np.any(pushes)
     assert np.abs(pushes).max() <= 0.5
     assert pushes[:, 2].min() >= 0
@@ -286,30 +299,6 @@ def test_lerobot_loads_the_dataset(root):
     np.testing.assert_array_equal(dataset[len(stored[0]["action"])]["action"], stored[1]["action"][0])
 
 
-def test_lerobot_edit_dataset_describes_the_dataset(root, monkeypatch, capsys):
-    command = ["lerobot-edit-dataset", "--repo_id=local/x", f"--root={root}", "--operation.type=info"]
-    monkeypatch.setattr(sys, "argv", command)
-    lerobot_edit_dataset.main()
-    printed = capsys.readouterr().out
-    assert f"Total episode: {facts(root)['episodes']}" in printed
-    assert "FPS: 5" in printed
-
-
-# Time to goal.
-
-
-def test_time_to_goal_of_every_short_episode():
-    for length in range(1, 7):
-        for success in itertools.product([False, True], repeat=length):
-            if any(success):
-                expected = [max(success.index(True) + 1 - t, 0) for t in range(length)]
-                assert recording.time_to_goal(np.array(success)).tolist() == expected
-
-
-def test_time_to_goal_is_float32():
-    assert recording.time_to_goal(np.array([False, True])).dtype == np.float32
-
-
 # The same command, the same bytes.
 
 
@@ -321,6 +310,19 @@ def test_the_same_arguments_give_the_same_bytes_in_another_folder(reach_pair, tm
 def test_another_seed_gives_other_data(reach_pair, tmp_path):
     other = recording.record("NeedleReach", 2, 5, tmp_path / "other")
     assert files(other)["data/chunk-000/file-000.parquet"] != files(reach_pair)["data/chunk-000/file-000.parquet"]
+
+
+def test_every_episode_is_told_once_and_nothing_printed(tmp_path, capfd):
+    told = []
+    for _ in range(2):  # the second call finds the dataset complete
+        recording.record("NeedleReach", 2, 0, tmp_path / "reach", on_episode=lambda: told.append(None))
+    assert len(told) == 4
+    assert not "".join(capfd.readouterr()).replace("argv[0]=\n", "")
+
+
+def test_the_name_of_a_dataset_is_that_of_its_task_in_small_letters():
+    assert recording.dataset_name("NeedlePick") == "surrol_needle_pick"
+    assert len({recording.dataset_name(task) for task in surrol_gym.TASKS}) == len(surrol_gym.TASKS)
 
 
 def test_recording_leaves_nothing_beside_the_dataset(reach_pair):
@@ -345,10 +347,11 @@ def test_a_dataset_goes_into_a_folder_whose_parents_do_not_exist(tmp_path):
 
 # Interruptions.
 
-# Ends the recording with SIGKILL at chosen moments: before the k-th time that Python touches the folder, or in the
-# middle of an episode. Children are forked, so that the imports are paid for once.
+# Ends the recording with SIGKILL: before the k-th time that Python touches the folder, in the middle of an episode, and
+# twenty times at random moments, one after the other as long as the dataset is not whole. Children are forked, so that
+# the imports are paid for once.
 _KILLED = """
-import os, signal, sys
+import os, random, signal, sys, time
 from lerobot_gcdt import recording
 from surrol_gym.envs.psm_env import PSMEnv
 
@@ -387,7 +390,7 @@ def in_child(work):
     os._exit(0)
 
 def record(folder):
-    recording.record("NeedleReach", 2, 0, folder)
+    recording.record("NeedleReach", 2, 0, folder, 0.3)
 
 def new(name):
     os.mkdir(os.path.join(sys.argv[1], name))
@@ -399,6 +402,20 @@ def killed(name, arm):
     assert os.WIFSIGNALED(status) and os.WTERMSIG(status) == signal.SIGKILL, (name, status)
     assert in_child(lambda: record(folder)) == 0, name
 
+def killed_at_random(times, seconds):
+    draw, kills, runs = random.Random(0), 0, 0
+    while kills < times:
+        folder, runs = new(f"random_{runs}"), runs + 1
+        while kills < times and not os.path.exists(folder):
+            child = os.fork()
+            if not child:
+                record(folder)
+                os._exit(0)
+            time.sleep(draw.uniform(0, seconds))
+            os.kill(child, signal.SIGKILL)
+            kills += os.WIFSIGNALED(os.waitpid(child, 0)[1])
+        assert in_child(lambda: record(folder)) == 0, folder
+
 def uninterrupted():
     folder = new("uninterrupted")
     seen = count_touches(folder, 0, die)
@@ -406,13 +423,16 @@ def uninterrupted():
     with open(os.path.join(sys.argv[1], "touches"), "w") as stream:
         stream.write(str(seen()))
 
+started = time.monotonic()
 assert in_child(uninterrupted) == 0
+duration = time.monotonic() - started
 touches = int(open(os.path.join(sys.argv[1], "touches")).read())
 os.remove(os.path.join(sys.argv[1], "touches"))
 for at in sorted({*range(1, touches, 8), *range(touches - 4, touches + 1)}):
     killed(f"touch_{at}", lambda folder, at=at: count_touches(folder, at, die))
 for at in (1, 75):
     killed(f"step_{at}", lambda folder, at=at: count_steps(at, die))
+killed_at_random(20, duration)
 """
 
 
@@ -441,6 +461,57 @@ def test_a_killed_recording_leaves_nothing_beside_the_dataset_in_the_end(killed_
         if (beside := [path.name for path in run.iterdir() if path.name != "dataset"])
     }
     assert not leftovers
+
+
+def fills_up(monkeypatch, owner, name: str, call: int):
+    """Lets the disk be full when a function is called for the given time."""
+    original, calls = getattr(owner, name), itertools.count(1)
+
+    def write(*arguments, **options):
+        if next(calls) == call:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return original(*arguments, **options)
+
+    monkeypatch.setattr(owner, name, write)
+
+
+@pytest.mark.parametrize(
+    ("owner", "name", "call", "finished"),
+    [
+        (np, "savez_compressed", 2, 1),
+        (LeRobotDataset, "add_frame", 60, 2),
+        (LeRobotDataset, "save_episode", 2, 2),
+        (LeRobotDataset, "finalize", 1, 2),
+        (recording, "sort_statistics", 1, 2),
+    ],
+    ids=["second episode", "frame of the dataset", "episode of the dataset", "end of the dataset", "statistics"],
+)
+def test_a_full_disk_keeps_what_is_finished_and_says_so(reach_pair, tmp_path, monkeypatch, owner, name, call, finished):
+    root = tmp_path / "reach"
+    with monkeypatch.context() as patch:
+        fills_up(patch, owner, name, call)
+        with pytest.raises(OSError, match="No space left .* finished episodes are kept, repeat the command"):
+            recording.record("NeedleReach", 2, 0, root)
+    assert not root.exists()
+    assert len(list((tmp_path / "reach.recording").glob("*.npz"))) == finished
+    recording.record("NeedleReach", 2, 0, root)
+    assert files(root) == files(reach_pair)
+    assert [path.name for path in tmp_path.iterdir()] == ["reach"]
+
+
+@pytest.mark.parametrize("largest", [2_000, 12_000, 30_000])
+def test_files_that_cannot_grow_keep_what_is_finished(reach_pair, tmp_path, largest):
+    resource = pytest.importorskip("resource")
+    root, limits = tmp_path / "reach", resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (largest, limits[1]))
+    try:
+        with pytest.raises(OSError, match="repeat the command"):
+            recording.record("NeedleReach", 2, 0, root, on_episode=lambda: None)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert not root.exists()
+    recording.record("NeedleReach", 2, 0, root)
+    assert files(root) == files(reach_pair)
 
 
 def test_finished_episodes_are_not_run_again(tmp_path, monkeypatch):
