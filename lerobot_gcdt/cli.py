@@ -2,12 +2,19 @@
 
 import argparse
 import sys
+from pathlib import Path
 
+from lerobot_gcdt.collection import PUBLISHED_DISTURB, record_all
+from lerobot_gcdt.features import FIELDS, Extras
+from lerobot_gcdt.hub import publish
+from lerobot_gcdt.manifest import MANIFEST, differing_episodes, write_manifest
 from lerobot_gcdt.merging import merge as merge_datasets
 from lerobot_gcdt.recording import record as record_dataset
 
 RECORD_EXAMPLE = "example: gcdt record --task NeedlePick --episodes 100 --seed 0 --root datasets/needle_pick"
+RECORD_ALL_EXAMPLE = "all of the published datasets: gcdt record --all --root datasets"
 MERGE_EXAMPLE = "example: gcdt merge datasets/needle_pick datasets/peg_transfer --root datasets/surrol_cross_task"
+PUBLISH_EXAMPLE = "example: gcdt publish datasets/surrol_needle_pick --repo_id user/surrol_needle_pick --dry_run"
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -17,30 +24,91 @@ def main(arguments: list[str] | None = None) -> None:
     record = commands.add_parser(
         "record",
         help="record demonstrations of a scripted expert as a LeRobot dataset",
-        epilog=RECORD_EXAMPLE,
+        epilog=f"{RECORD_EXAMPLE}; {RECORD_ALL_EXAMPLE}",
     )
-    record.add_argument("--task", required=True, help="name of the task, such as NeedlePick")
+    what = record.add_mutually_exclusive_group(required=True)
+    what.add_argument("--task", help="name of the task, such as NeedlePick")
+    what.add_argument("--all", action="store_true", help="all tasks side by side, and their merger surrol_cross_task")
     record.add_argument("--episodes", type=int, default=100, help="successful episodes to keep (default 100)")
     record.add_argument("--seed", type=int, default=0, help="seed of the first episode (default 0)")
-    record.add_argument("--root", required=True, help="folder of the dataset; an interrupted recording goes on there")
+    record.add_argument(
+        "--root",
+        required=True,
+        help="folder of the dataset, with --all of the datasets; an interrupted recording goes on there",
+    )
     record.add_argument(
         "--disturb",
         type=float,
-        default=0.0,
         metavar="LEVEL",
-        help="push the arm now and then, by up to LEVEL of a full action; the expert corrects (default 0)",
+        help="push the arm now and then, by up to LEVEL of a full action; the expert corrects "
+        f"(default 0, with --all {PUBLISHED_DISTURB} as in the published datasets)",
     )
+    record.add_argument(
+        "--fields", type=_names, default=[], help=f"further numbers, separated by commas, of {', '.join(FIELDS)}"
+    )
+    record.add_argument("--cameras", type=_names, default=[], help="cameras that film, such as overview,closeup")
+    record.add_argument("--camera_size", type=int, default=128, help="width and height of the films (default 128)")
+    record.add_argument("--workers", type=int, help="with --all: datasets recorded at a time (default: one a core)")
+    record.add_argument(
+        "--manifest", type=Path, default=MANIFEST, help="with --all: what the episodes are compared with"
+    )
+    record.add_argument("--write_manifest", action="store_true", help="with --all: write the manifest instead")
     merge = commands.add_parser(
         "merge", help="merge the datasets of several tasks into one for cross-task training", epilog=MERGE_EXAMPLE
     )
     merge.add_argument("datasets", nargs="+", help="folders of datasets that `gcdt record` wrote")
     merge.add_argument("--root", required=True, help="folder of the merged dataset")
+    send = commands.add_parser(
+        "publish", help="publish a dataset or a trained policy, with its card, on the Hub", epilog=PUBLISH_EXAMPLE
+    )
+    send.add_argument("folder", help="a dataset of `gcdt record` or `gcdt merge`, or an output folder of lerobot-train")
+    send.add_argument("--repo_id", required=True, metavar="USER/NAME", help="repository to publish it as")
+    send.add_argument("--private", action="store_true", help="make a new repository private")
+    send.add_argument("--revision_tag", metavar="TAG", help="name that this state keeps for ever, such as v1.0")
+    send.add_argument("--dry_run", action="store_true", help="only show what would be sent")
     options = parser.parse_args(arguments)
 
     try:
         if options.command == "record":
-            record_dataset(options.task, options.episodes, options.seed, options.root, options.disturb)
+            _record(options)
+        elif options.command == "publish":
+            publish(options.folder, options.repo_id, options.private, options.revision_tag, options.dry_run)
         else:
             merge_datasets(options.datasets, options.root)
     except (ValueError, OSError) as error:
         sys.exit(f"gcdt {options.command}: {error}")
+
+
+def _names(text: str) -> list[str]:
+    return [name.strip() for name in text.split(",")]
+
+
+def _record(options: argparse.Namespace) -> None:
+    """Runs ``gcdt record``."""
+    extras = Extras(options.fields, options.cameras, options.camera_size)
+    if options.all:
+        disturb = PUBLISHED_DISTURB if options.disturb is None else options.disturb
+        roots = record_all(options.root, options.episodes, options.seed, disturb, extras, options.workers)
+        if options.write_manifest:
+            write_manifest(roots, options.manifest)
+        else:
+            _compare(roots, options.manifest)
+    else:
+        record_dataset(options.task, options.episodes, options.seed, options.root, options.disturb or 0.0, extras)
+
+
+def _compare(roots: list[Path], manifest: Path) -> None:
+    """Says of each dataset whether it holds what the manifest says; exits with status 1 if one does not."""
+    if not manifest.exists():
+        print(f"There is no {manifest}, so the datasets were not compared with the published ones.")
+        return
+    differing = {root: differing_episodes(root, manifest) for root in roots}
+    for root, episodes in differing.items():
+        if episodes is None:
+            print(f"{root} is not a recording that the manifest knows.")
+        elif episodes:
+            print(f"{root} differs from the manifest in {len(episodes)} episodes: {', '.join(map(str, episodes))}")
+        else:
+            print(f"{root} matches the manifest.")
+    if any(differing.values()):
+        raise ValueError("the recorded datasets are kept, but differ from the published ones")
