@@ -1,8 +1,9 @@
-"""What people look at: films of a policy, the training curve, achieved against desired goals."""
+"""What people look at: pictures of the tasks, films of a policy, the training curve, achieved against desired goals."""
 
 from collections.abc import Iterable
 from pathlib import Path
 
+import gymnasium as gym
 import matplotlib
 
 matplotlib.use("Agg")
@@ -14,6 +15,7 @@ from lerobot.utils.io_utils import write_video
 from PIL import Image, ImageDraw
 from tqdm import tqdm
 
+import surrol_gym
 from lerobot_gcdt.evaluation import rollout
 from surrol_gym.envs.goal_env import GoalEnv
 
@@ -46,6 +48,33 @@ def film(policy, task: str, seeds: Iterable[int], path: str | Path, size: int = 
         ended_well.append(bool(succeeded[-1]))
     write_video(path, frames, fps=2 * GoalEnv.metadata["render_fps"])
     return ended_well
+
+
+def halfway(task: str, width: int = 320, height: int = 240) -> Image.Image:
+    """Draws a task at the moment at which the expert, from seed 0, is half way to its first success.
+
+    Args:
+        task: Name of the task.
+        width: Pixels.
+        height: Pixels.
+
+    Returns:
+        The picture.
+    """
+    env = gym.make(f"surrol/{task}-v0")
+    expert = surrol_gym.make_expert(env)
+    observation, _ = env.reset(seed=0)
+    actions, success = [], False
+    while not success:
+        actions.append(expert.act(observation))
+        observation, _, _, _, info = env.step(actions[-1])
+        success = info["is_success"]
+    env.reset(seed=0)
+    for action in actions[: len(actions) // 2]:
+        env.step(action)
+    picture = Image.fromarray(env.unwrapped.picture("closeup", 2 * width, 2 * height))
+    env.close()
+    return picture.resize((width, height), Image.Resampling.LANCZOS)
 
 
 def plot_training(curve: pd.DataFrame, path: str | Path) -> Path:
