@@ -11,13 +11,13 @@ import argparse
 from pathlib import Path
 
 import pandas as pd
-from gymnasium.envs.registration import load_env_creator, spec
 from lerobot.configs.policies import PreTrainedConfig
 from lerobot.policies.factory import get_policy_class
 
 import lerobot_gcdt  # noqa: F401 (registers the policies)
 import surrol_gym
 from lerobot_gcdt.evaluation import describe, evaluate
+from lerobot_gcdt.surrol_env import env_class
 from lerobot_gcdt.training import checkpoint
 
 
@@ -53,8 +53,7 @@ def load(folder: Path):
 
 def knows(policy, task: str) -> bool:
     """Whether a policy was trained on a task."""
-    sentence = load_env_creator(spec(f"surrol/{task}-v0").entry_point).task_description
-    return sentence in policy.config.task_dims
+    return env_class(f"surrol/{task}-v0").task_description in policy.config.task_dims
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """Films a trained policy: by default the generalist that comes with the package, which knows all ten tasks.
 
-    python examples/watch.py --task PegTransfer
-    python examples/watch.py --task NeedlePick --policy outputs/quickstart/training/checkpoints/last/pretrained_model
+python examples/watch.py --task PegTransfer
+python examples/watch.py --task NeedlePick --policy outputs/quickstart/training/checkpoints/last/pretrained_model
 """
 
 import argparse
@@ -15,7 +15,7 @@ from lerobot_gcdt.pictures import film
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--task", default="PegTransfer", choices=surrol_gym.TASKS, metavar="TASK")
-    parser.add_argument("--policy", default=str(GENERALIST), help="folder of a checkpoint, or its repository on the Hub")
+    parser.add_argument("--policy", default=str(GENERALIST), help="folder or repository of a checkpoint")
     parser.add_argument("--episodes", type=int, default=2, help="starts to film (default 2)")
     parser.add_argument("--seed", type=int, default=100_000, help="seed of the first start (default 100000)")
     parser.add_argument("--output", type=Path, help="the film (default outputs/watch/TASK.mp4)")

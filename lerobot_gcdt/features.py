@@ -5,10 +5,9 @@ from dataclasses import dataclass, field
 
 import gymnasium as gym
 import numpy as np
-from gymnasium.envs.registration import load_env_creator
 
 from lerobot_gcdt.openh import CARTESIAN_STATE, cartesian_state, cartesian_state_names
-from lerobot_gcdt.surrol_env import ENVIRONMENT_STATE
+from lerobot_gcdt.surrol_env import ENVIRONMENT_STATE, env_class
 from lerobot_gcdt.trajectories import ACHIEVED_GOAL, ACTION, GOAL, STATE, TIME_TO_GOAL
 
 DISTURBANCE = "disturbance"
@@ -35,7 +34,7 @@ class Extras:
 
     def check(self, env_id: str) -> None:
         """Raises ValueError if an environment cannot give what is asked for."""
-        known = sorted(load_env_creator(gym.spec(env_id).entry_point).cameras)
+        known = sorted(env_class(env_id).cameras)
         for kind, asked, choices in (("fields", self.fields, FIELDS), ("cameras", self.cameras, known)):
             unknown = [name for name in asked if name not in choices]
             if unknown or len(set(asked)) < len(asked):

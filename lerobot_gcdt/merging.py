@@ -31,9 +31,6 @@ PADDED_SIZES = {STATE: 35, ENVIRONMENT_STATE: 6, GOAL: 6, ACHIEVED_GOAL: 6, ACTI
 KEPT = (TIME_TO_GOAL, REWARD, SUCCESS)
 """Features that are the same in all tasks."""
 
-OPTIONAL = (DISTURBANCE,)
-"""Features that older datasets lack; they are merged where all have them."""
-
 
 def natural_dims(meta: LeRobotDatasetMetadata) -> dict[str, list[int]]:
     """Returns the sizes ``[observation, goal, action]`` of each task of a dataset, without padding, by sentence."""
@@ -67,7 +64,10 @@ def merge(roots: Sequence[str | Path], root: str | Path) -> Path:
     if root.exists():
         raise ValueError(f"{root} exists already; choose another folder or remove it.")
     metas = [LeRobotDatasetMetadata(f"local/{source.name}", root=source) for source in roots]
-    keys = _common_keys(metas)
+    keys = [*PADDED_SIZES, *KEPT]
+    lacked = sorted({key for meta in metas for key in keys if key not in meta.features})
+    if lacked:
+        raise ValueError(f"Not every dataset has {', '.join(lacked)}; record them with `gcdt record`.")
     for meta in metas:
         left_out = sorted(set(meta.features) - {*keys, *DEFAULT_FEATURES})
         if left_out:
@@ -95,15 +95,6 @@ def merge(roots: Sequence[str | Path], root: str | Path) -> Path:
     os.replace(whole, root)
     shutil.rmtree(parts)
     return root
-
-
-def _common_keys(metas: Sequence[LeRobotDatasetMetadata]) -> list[str]:
-    """Returns the columns of the merged dataset."""
-    lacked = {key for meta in metas for key in (*PADDED_SIZES, *KEPT) if key not in meta.features}
-    needed = sorted(lacked - {*OPTIONAL})
-    if needed:
-        raise ValueError(f"Not every dataset has {', '.join(needed)}; record them with `gcdt record`.")
-    return [key for key in (*PADDED_SIZES, *KEPT) if key not in lacked]
 
 
 def _padded_copy(meta: LeRobotDatasetMetadata, keys: Sequence[str], copy: Path) -> Path:

@@ -12,14 +12,15 @@ from pathlib import Path
 
 import draccus
 import pandas as pd
-from gymnasium.envs.registration import load_env_creator, spec
 from huggingface_hub import EvalResult, ModelCardData
 from lerobot.configs.default import DatasetConfig
 from lerobot.configs.policies import PreTrainedConfig
 
 import surrol_gym
+from lerobot_gcdt.cards import recording_commands
 from lerobot_gcdt.evaluation import wilson_interval
-from lerobot_gcdt.recording import RECORDING_FILE, dataset_name
+from lerobot_gcdt.recording import RECORDING_FILE
+from lerobot_gcdt.surrol_env import env_class
 
 POLICIES = {
     "gcdt": ("GCDTPolicy", "The goal-conditioned decision transformer (GCDT) of Fu et al. (ICRA 2024)"),
@@ -125,7 +126,7 @@ def model_card(checkpoint: Path, repo_id: str | None = None) -> str:
 
 def _sentences() -> dict[str, str]:
     """The sentence of each task."""
-    return {task: load_env_creator(spec(f"surrol/{task}-v0").entry_point).task_description for task in surrol_gym.TASKS}
+    return {task: env_class(f"surrol/{task}-v0").task_description for task in surrol_gym.TASKS}
 
 
 def _metadata(repo_id: str, policy: dict, dataset: str, table: pd.DataFrame | None) -> ModelCardData:
@@ -176,26 +177,12 @@ def _figure(successes: int, starts: int) -> str:
 def _recordings(dataset: dict) -> list[str]:
     """The commands that make a training's dataset, where its folder is still there to tell."""
     note = Path(dataset["root"] or "") / RECORDING_FILE
-    return _recording_commands(json.loads(note.read_text()), _folder(dataset)) if note.exists() else []
+    return recording_commands(json.loads(note.read_text()), _folder(dataset)) if note.exists() else []
 
 
 def _folder(dataset: dict) -> str:
     """The folder that the card's commands call the dataset's, wherever it was."""
     return f"datasets/{dataset['repo_id'].split('/')[-1]}"
-
-
-def _recording_commands(facts: dict, root: str) -> list[str]:
-    """The commands that make a dataset, by what `meta/surrol.json` says of it."""
-    if "merged_from" not in facts:
-        asked = " ".join(f"--{name} {facts[name]}" for name in ("episodes", "seed", "disturb"))
-        return [f"gcdt record --task {_task(facts)} {asked} --root {root}"]
-    parts = {f"datasets/{dataset_name(_task(part))}": part for part in facts["merged_from"]}
-    recordings = [command for folder, part in parts.items() for command in _recording_commands(part, folder)]
-    return [*recordings, f"gcdt merge {' '.join(parts)} --root {root}"]
-
-
-def _task(facts: dict) -> str:
-    return facts["env_id"].removeprefix("surrol/").removesuffix("-v0")
 
 
 def _training_command(checkpoint: Path, config: dict) -> str:

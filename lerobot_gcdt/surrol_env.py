@@ -12,8 +12,14 @@ from lerobot.processor.pipeline import ObservationProcessorStep, ProcessorStepRe
 
 import surrol_gym
 from lerobot_gcdt.trajectories import ACHIEVED_GOAL, ACTION, GOAL, STATE
+from surrol_gym.envs.psm_env import PSMEnv
 
 ENVIRONMENT_STATE = "observation.environment_state"
+
+
+def env_class(env_id: str) -> type[PSMEnv]:
+    """Returns the class of an environment, which knows its names, sizes and cameras without being made."""
+    return load_env_creator(gym.spec(env_id).entry_point)
 
 
 @ProcessorStepRegistry.register(name="surrol_observations")
@@ -65,7 +71,7 @@ class SurRoLEnvConfig(EnvConfig):
         for task in self._tasks():
             if task not in known:
                 raise ValueError(f"env.task must be among {known} or a comma-separated list of them, got {task!r}.")
-        env = load_env_creator(gym.spec(f"surrol/{self._tasks()[0]}").entry_point)
+        env = env_class(self.gym_id)
         self.features = {
             ACTION: PolicyFeature(FeatureType.ACTION, (len(env.action_names),)),
             STATE: PolicyFeature(FeatureType.STATE, (len(env.observation_names),)),

@@ -1,7 +1,7 @@
 """What a stranger does with the Hub, in a process of its own: LeRobot reads its environment when it is imported.
 
-    python hub_chain.py online DATASET OUTPUT PORT  # publish, load, train, evaluate; the server listens at PORT
-    python hub_chain.py offline OUTPUT              # load, train and evaluate once more, from the cache
+python hub_chain.py online DATASET OUTPUT PORT  # publish, load, train, evaluate; the server listens at PORT
+python hub_chain.py offline OUTPUT              # load, train and evaluate once more, from the cache
 """
 
 import json

@@ -98,15 +98,6 @@ def test_what_was_added_to_the_actions_is_merged(needle_pick_root, tmp_path):
     assert not merged[:, 5:].any()
 
 
-def test_a_column_that_an_older_dataset_lacks_is_left_out_and_named(
-    needle_pick_root, needle_reach_root, tmp_path, capsys
-):
-    older = without(needle_reach_root, "disturbance", tmp_path / "older")
-    merged = columns(merge([needle_pick_root, older], tmp_path / "merged"))
-    assert "disturbance" not in merged
-    assert f"disturbance of {needle_pick_root}" in capsys.readouterr().out
-
-
 def test_a_column_that_every_merged_dataset_needs_is_missed_by_name(needle_pick_root, needle_reach_root, tmp_path):
     broken = without(needle_reach_root, "observation.achieved_goal", tmp_path / "broken")
     with pytest.raises(ValueError, match="observation.achieved_goal"):

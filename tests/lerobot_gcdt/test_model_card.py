@@ -112,7 +112,8 @@ def test_a_merged_dataset_is_recorded_and_merged(save, policy, uneven_root):
     policy.task_dims[PICK] = [19, 3, 5]
     card = model_card(save(policy, {"repo_id": "local/uneven", "root": str(uneven_root)}))
     assert "--task NeedlePick" in card and "--task NeedleReach" in card
-    assert "gcdt merge datasets/surrol_needle_pick datasets/surrol_needle_reach --root datasets/uneven" in card
+    merging = " ".join(card.replace("\\\n", "").split())
+    assert "gcdt merge datasets/surrol_needle_pick datasets/surrol_needle_reach --root datasets/uneven" in merging
 
 
 def test_a_published_dataset_is_linked_with_its_revision(save, policy):

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import torch
 
-from lerobot_gcdt.pictures import REACHED, film
+from lerobot_gcdt.pictures import film
 
 
 class Still:
