@@ -65,6 +65,7 @@ def main():
                 start = [f"--policy.type={options.scratch}"]
             else:
                 start = [f"--policy.path={checkpoint(pretrained)}", "--policy.training_stage=finetune"]
+                start.append("--policy.optimizer_lr=5e-4")  # the full rate would undo what is learned
             begin = [*start, *on(options.datasets / dataset_name(task))]
             train(options, options.output / task, options.finetune_steps, begin)
 
