@@ -126,9 +126,9 @@ class TrajectoryBank:
         training = torch.ones(n, dtype=torch.bool, device=device)
         if training_episodes is not None:
             training = torch.isin(self.episode, torch.tensor(training_episodes, device=device))
-        self._training_frames = [
-            torch.nonzero(training & (self.task == i)).flatten() for i in self.task[training].unique().tolist()
-        ]
+        order = torch.nonzero(training).flatten()
+        self._training_frames = order[self.task[order].argsort(stable=True)]  # task after task
+        self._frames_of_task = self.task[order].unique(return_counts=True)[1]
 
     @classmethod
     def of(cls, meta: LeRobotDatasetMetadata, device: str | torch.device) -> "TrajectoryBank":
@@ -194,11 +194,10 @@ class TrajectoryBank:
         else:
             source = torch.arange(len(index), device=index.device).repeat_interleave(count)
             key = combine(index[source], torch.arange(count, device=index.device).repeat(len(index)))
-        frames = torch.cat(self._training_frames)
-        sizes = torch.tensor([len(own) for own in self._training_frames], device=index.device)
+        sizes = self._frames_of_task
         task = (uniform(key, _TASK) * len(sizes)).long()
         place = (uniform(key, _FRAME) * sizes[task]).long()
-        frame = frames[(sizes.cumsum(0) - sizes)[task] + place]
+        frame = self._training_frames[(sizes.cumsum(0) - sizes)[task] + place]
         return self._pieces(frame - self.timestep[frame] % length, length, source, key)
 
     def draw_cuts(self, pieces: Pieces, hindsight_ratio: float) -> Tensor:
