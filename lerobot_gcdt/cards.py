@@ -6,6 +6,7 @@ The manifest keeps the facts of the published datasets, whose cards can thus be 
 
 import json
 import textwrap
+from dataclasses import asdict
 from pathlib import Path
 
 import gymnasium as gym
@@ -15,6 +16,7 @@ from lerobot.utils.constants import DEFAULT_FEATURES
 
 from lerobot_gcdt.card_tables import number_tables, other_keys, table
 from lerobot_gcdt.docstrings import sections
+from lerobot_gcdt.features import NO_EXTRAS
 from lerobot_gcdt.merging import PADDED_SIZES
 from lerobot_gcdt.recording import PUSH_RATE, PUSH_RATE_SLOW, RECORDING_FILE, dataset_name
 from lerobot_gcdt.surrol_env import env_class
@@ -25,7 +27,11 @@ PICTURES = "pictures"
 SIZES = ("n<1K", "1K<n<10K", "10K<n<100K", "100K<n<1M", "1M<n<10M", "10M<n<100M")
 """The Hub's words for less than a thousand frames, and for up to ten times as many each."""
 
-NO_EXTRAS = {"fields": [], "cameras": [], "camera_size": 0}
+CITATION = """\
+Xu et al., "SurRoL: An Open-source Reinforcement Learning Centered and dVRK Compatible Platform for Surgical Robot
+Learning", IROS 2021. Fu et al., "Multi-objective Cross-task Learning via Goal-conditioned GPT-based Decision
+Transformers for Surgical Robot Task Automation", ICRA 2024."""
+"""Of the tasks and of the method."""
 
 CARD = """\
 ---
@@ -61,9 +67,7 @@ lerobot-train --policy.type=gcdt --policy.push_to_hub=false --dataset.repo_id={r
 
 Apache-2.0. Please cite the tasks and the method:
 
-Xu et al., "SurRoL: An Open-source Reinforcement Learning Centered and dVRK Compatible Platform for Surgical Robot
-Learning", IROS 2021. Fu et al., "Multi-objective Cross-task Learning via Goal-conditioned GPT-based Decision
-Transformers for Surgical Robot Task Automation", ICRA 2024.
+{citation}
 """
 
 BODY = """\
@@ -198,6 +202,7 @@ def card(facts: dict, repo_id: str, pictures: str) -> str:
         repo_id=repo_id,
         stage="--policy.training_stage=pretrain --steps=20000 " if merged else "--steps=1000 ",
         limits="\n".join(textwrap.fill(f"* {limit}", 120, subsequent_indent="  ") for limit in _limits(parts)),
+        citation=CITATION,
     )
 
 
@@ -304,7 +309,7 @@ def _merged_body(facts: dict, name: str, pictures: str) -> str:
             "padding. `meta/stats.json` is over all tasks and the padding; statistics of each task are in the card of "
             "its own dataset."
         ),
-        others=other_keys(env_class(parts[0]["env_id"]), NO_EXTRAS, {}),
+        others=other_keys(env_class(parts[0]["env_id"]), asdict(NO_EXTRAS), {}),
         numbers="\n\n".join(numbers),
     )
 

@@ -31,6 +31,9 @@ PADDED_SIZES = {STATE: 35, ENVIRONMENT_STATE: 6, GOAL: 6, ACHIEVED_GOAL: 6, ACTI
 KEPT = (TIME_TO_GOAL, REWARD, SUCCESS)
 """Features that are the same in all tasks."""
 
+COLUMNS = (*PADDED_SIZES, *KEPT)
+"""What a merged dataset holds, beside what LeRobot adds to every dataset."""
+
 
 def natural_dims(meta: LeRobotDatasetMetadata) -> dict[str, list[int]]:
     """Returns the sizes ``[observation, goal, action]`` of each task of a dataset, without padding, by sentence."""
@@ -64,18 +67,17 @@ def merge(roots: Sequence[str | Path], root: str | Path) -> Path:
     if root.exists():
         raise ValueError(f"{root} exists already; choose another folder or remove it.")
     metas = [LeRobotDatasetMetadata(f"local/{source.name}", root=source) for source in roots]
-    keys = [*PADDED_SIZES, *KEPT]
-    lacked = sorted({key for meta in metas for key in keys if key not in meta.features})
+    lacked = sorted({key for meta in metas for key in COLUMNS if key not in meta.features})
     if lacked:
         raise ValueError(f"Not every dataset has {', '.join(lacked)}; record them with `gcdt record`.")
     for meta in metas:
-        left_out = sorted(set(meta.features) - {*keys, *DEFAULT_FEATURES})
+        left_out = sorted(set(meta.features) - {*COLUMNS, *DEFAULT_FEATURES})
         if left_out:
             print(f"Left out of {root}: {', '.join(left_out)} of {meta.root}.")
     parts = root.with_name(root.name + ".merging")
     datasets.disable_progress_bars()
     copies = [
-        _padded_copy(meta, keys, parts / source.name)
+        _padded_copy(meta, parts / source.name)
         for source, meta in tqdm(zip(roots, metas, strict=True), total=len(roots), desc="Padding", unit="dataset")
     ]
     whole = parts / "merged"
@@ -97,12 +99,11 @@ def merge(roots: Sequence[str | Path], root: str | Path) -> Path:
     return root
 
 
-def _padded_copy(meta: LeRobotDatasetMetadata, keys: Sequence[str], copy: Path) -> Path:
-    """Copies columns of a dataset with its vectors padded; a copy of them that is there already is whole."""
+def _padded_copy(meta: LeRobotDatasetMetadata, copy: Path) -> Path:
+    """Copies a dataset with its vectors padded; a copy of the same recording that is there already is whole."""
     note = (meta.root / RECORDING_FILE).read_text()
     if copy.exists():
-        same_recording = (copy / RECORDING_FILE).exists() and (copy / RECORDING_FILE).read_text() == note
-        if same_recording and {*keys} <= {*LeRobotDatasetMetadata(f"local/{copy.name}", root=copy).features}:
+        if (copy / RECORDING_FILE).exists() and (copy / RECORDING_FILE).read_text() == note:
             return copy
         shutil.rmtree(copy)
     building = copy.with_name(copy.name + ".unfinished")
@@ -111,7 +112,7 @@ def _padded_copy(meta: LeRobotDatasetMetadata, keys: Sequence[str], copy: Path) 
         key: vector_feature([f"{key.split('.')[-1]}_{i}" for i in range(PADDED_SIZES[key])])
         if key in PADDED_SIZES
         else {name: meta.features[key][name] for name in ("dtype", "shape", "names")}
-        for key in keys
+        for key in COLUMNS
     }
     dataset = LeRobotDataset.create(
         f"local/{copy.name}",
@@ -122,13 +123,13 @@ def _padded_copy(meta: LeRobotDatasetMetadata, keys: Sequence[str], copy: Path) 
         use_videos=False,
         video_backend="pyav",
     )
-    columns = [*keys, "episode_index", "task_index"]
+    columns = [*COLUMNS, "episode_index", "task_index"]
     sentences = list(meta.tasks.sort_values("task_index").index)
     for file in sorted(meta.root.glob("data/*/*.parquet")):
         table = pq.read_table(file, columns=columns)
         frames = {key: to_array(table[key]) for key in columns}
         for i, episode in enumerate(frames["episode_index"]):
-            frame = {key: _padded(frames[key][i : i + 1].reshape(-1), features[key]["shape"][0]) for key in keys}
+            frame = {key: _padded(frames[key][i : i + 1].reshape(-1), features[key]["shape"][0]) for key in COLUMNS}
             dataset.add_frame(frame | {"task": sentences[frames["task_index"][i]]})
             if i + 1 == len(table) or frames["episode_index"][i + 1] != episode:
                 dataset.save_episode()

@@ -17,7 +17,7 @@ from lerobot.configs.default import DatasetConfig
 from lerobot.configs.policies import PreTrainedConfig
 
 import surrol_gym
-from lerobot_gcdt.cards import recording_commands
+from lerobot_gcdt.cards import CITATION, recording_commands
 from lerobot_gcdt.evaluation import wilson_interval
 from lerobot_gcdt.recording import RECORDING_FILE
 from lerobot_gcdt.surrol_env import env_class
@@ -84,9 +84,7 @@ acts on the simulator's state (poses of tools and objects), not on pictures, and
 
 ## Citation
 
-Xu et al., "SurRoL: An Open-source Reinforcement Learning Centered and dVRK Compatible Platform for Surgical Robot
-Learning", IROS 2021. Fu et al., "Multi-objective Cross-task Learning via Goal-conditioned GPT-based Decision
-Transformers for Surgical Robot Task Automation", ICRA 2024.
+{citation}
 """
 
 
@@ -121,6 +119,7 @@ def model_card(checkpoint: Path, repo_id: str | None = None) -> str:
         policy_class=policy_class,
         repo_id=repo_id,
         env_task=",".join(f"{task}-v0" for task in known),
+        citation=CITATION,
     )
 
 
