@@ -71,9 +71,10 @@ class GCDTPolicy(PreTrainedPolicy):
     def __init__(self, config: GCDTConfig, dataset_stats=None, dataset_meta=None):
         super().__init__(config)
         self._bank: TrajectoryBank | None = None
-        self._dataset_tasks: list[str] = []
-        if dataset_meta is not None:
-            self._read_dataset(dataset_meta)
+        dataset_tasks = self._read_dataset(dataset_meta) if dataset_meta is not None else []
+        self._task_order = list(dict.fromkeys([*dataset_tasks, *config.task_dims]))
+        """Task sentences by index: the dataset's, then the others that the policy knows."""
+        self.action_sizes = torch.tensor([config.task_dims[t][2] for t in self._task_order], device=config.device)
         self.tasks = nn.ModuleDict(
             {
                 module_key(task): TaskModules(dims, config.width, config.relative_goal)
@@ -85,7 +86,7 @@ class GCDTPolicy(PreTrainedPolicy):
         self.timestep_embedding = nn.Embedding(config.max_timesteps, config.width)
         nn.init.normal_(self.timestep_embedding.weight, std=0.02)
         self.transformer = Transformer(config.layers, config.heads, config.width, config.inner_width, config.dropout)
-        for i, task in enumerate(self._dataset_tasks):
+        for i, task in enumerate(dataset_tasks):
             # Goals and times are standardised as training sees them, relabelled.
             frames = torch.nonzero(self._bank.task == i).flatten()
             pieces = self._bank.pieces(frames[self._bank.timestep[frames] == 0], 1)
@@ -96,26 +97,34 @@ class GCDTPolicy(PreTrainedPolicy):
     # Training.
 
     def forward(self, batch: dict[str, Tensor], reduction: str = "mean") -> tuple[Tensor, dict[str, float]]:
-        """Computes the loss of a batch of frames.
+        """Computes the loss of a batch of frames, or of a batch of windows.
 
         In evaluation mode every frame stands for its episode, which is read in pieces of ``context_length`` steps. In
-        training mode as many pieces are drawn from all episodes, evenly over the tasks; each is relabelled with
-        probability ``hindsight_ratio``, and in pretraining the auxiliary objectives are added.
+        training mode as many pieces are drawn from all episodes, evenly over the tasks, and each is relabelled with
+        probability ``hindsight_ratio``. Windows, from loaders that make their own, are read as they are. Pretraining
+        adds the auxiliary objectives in training mode.
 
         Args:
-            batch: As LeRobot's loader gives it; of it only ``index``, shape (B,), is used.
-            reduction: ``"mean"``, or ``"none"`` for one loss of the actions a frame of the batch.
+            batch: Frames as `lerobot-train` gives them, of which only ``index``, shape (B,), is used; or windows,
+                recognised by their ``observation.state`` of shape (B, S, O) (see ``Sequences.of_windows``).
+            reduction: ``"mean"``, or ``"none"`` for one loss of the actions a row of the batch.
 
         Returns:
             The loss, and what to log.
 
         Raises:
-            RuntimeError: The policy was made without a dataset.
+            RuntimeError: The policy was made without a dataset, and the batch holds frames.
+            KeyError, ValueError: Windows lack something or do not fit their task.
         """
-        if self._bank is None:
-            raise RuntimeError("This policy was made for inference; to train it, pass dataset_meta to its constructor.")
-        index = batch["index"].to(self._bank.first.device)
-        if self.training:
+        index = batch["index"].to(self.action_sizes.device)
+        windows = STATE in batch and batch[STATE].ndim == 3
+        if windows:
+            sequences = Sequences.of_windows(batch, {task: self.config.task_dims[task] for task in self._task_order})
+        elif self._bank is None:
+            raise RuntimeError(
+                "This policy was made for inference; to train it on frames, pass dataset_meta to its constructor."
+            )
+        elif self.training:
             sequences = self._draw(index, self.config.context_length)
         else:
             sequences = self._bank.sequences(self._bank.pieces(index, self.config.context_length))
@@ -125,7 +134,8 @@ class GCDTPolicy(PreTrainedPolicy):
         loss = errors.mean()
         log = {"action_loss": loss.item()}
         if self.training and self.config.training_stage == "pretrain":
-            for name, (weight, auxiliary) in self._auxiliary_losses(index).items():
+            pieces = sequences if windows else self._draw(index, self.config.auxiliary_context_length, count=1)
+            for name, (weight, auxiliary) in self._auxiliary_losses(pieces).items():
                 loss = loss + weight * auxiliary
                 log[name] = auxiliary.item()
         return loss, log
@@ -143,7 +153,7 @@ class GCDTPolicy(PreTrainedPolicy):
         keys = ORDER if self.config.context_length > 1 else ORDER[: ORDER.index(ACTION)]
         hidden = self.encode(sequences, keys, self.config.context_length)[:, :, keys.index(STATE)]
         with self._full_precision():
-            return self._act(hidden, {self._dataset_tasks[i]: steps for i, steps in sequences.by_task.items()})
+            return self._act(hidden, {self._task_order[i]: steps for i, steps in sequences.by_task.items()})
 
     def encode(
         self,
@@ -172,8 +182,8 @@ class GCDTPolicy(PreTrainedPolicy):
         return self.transformer(tokens.flatten(1, 2), mask).view(r, s, len(keys), -1).float()
 
     def modules_of(self, task: int | str) -> TaskModules:
-        """Returns tokenizers and heads of a task, by its sentence or its index in the dataset."""
-        return self.tasks[module_key(self._dataset_tasks[task] if isinstance(task, int) else task)]
+        """Returns tokenizers and heads of a task, by its sentence or its index in sequences."""
+        return self.tasks[module_key(self._task_order[task] if isinstance(task, int) else task)]
 
     # Inference.
 
@@ -257,12 +267,12 @@ class GCDTPolicy(PreTrainedPolicy):
             f"width={config.width}, task_dims={config.task_dims}): {problem}"
         )
 
-    def _read_dataset(self, meta) -> None:
-        """Loads the trajectories and adds the dataset's tasks to the configuration."""
+    def _read_dataset(self, meta) -> list[str]:
+        """Loads the trajectories and adds the dataset's tasks to the configuration; returns them by index."""
         self._bank = TrajectoryBank.of(meta, self.config.device)
-        self._dataset_tasks = list(meta.tasks.sort_values("task_index").index)
+        tasks = list(meta.tasks.sort_values("task_index").index)
         natural = natural_dims(meta)
-        for task in self._dataset_tasks:
+        for task in tasks:
             dims = natural[task]
             known = self.config.task_dims.get(task, dims)
             if list(known) != dims:
@@ -271,19 +281,18 @@ class GCDTPolicy(PreTrainedPolicy):
                     f"dataset {meta.repo_id} has {dims}."
                 )
             self.config.task_dims[task] = dims
-        for i, task in enumerate(self._dataset_tasks):
+        for i, task in enumerate(tasks):
             self.config.expected_steps.setdefault(task, self._bank.expected_steps(i))
-        self.action_sizes = torch.tensor([natural[task][2] for task in self._dataset_tasks], device=self.config.device)
+        return tasks
 
     def _draw(self, index: Tensor, length: int, count: int | None = None) -> Sequences:
         """Draws relabelled pieces for training, by the frames of a batch."""
         pieces = self._bank.draw_pieces(index, length, count)
         return self._bank.sequences(pieces, self._bank.draw_cuts(pieces, self.config.hindsight_ratio))
 
-    def _auxiliary_losses(self, index: Tensor) -> dict[str, tuple[float, Tensor]]:
+    def _auxiliary_losses(self, sequences: Sequences) -> dict[str, tuple[float, Tensor]]:
         """Weight and value of the auxiliary objectives that are switched on, by name."""
         config = self.config
-        sequences = self._draw(index, config.auxiliary_context_length, count=1)
         losses = {}
         if config.dynamics_weight:
             losses["dynamics_loss"] = config.dynamics_weight, dynamics_loss(self, sequences)

@@ -50,6 +50,51 @@ class Sequences:
     key: Tensor
     task: Tensor
 
+    @classmethod
+    def of_windows(cls, batch: dict, task_dims: dict[str, list[int]]) -> "Sequences":
+        """Takes windows as a loader gives them: LeRobot's with ``delta_timestamps``, or another.
+
+        Args:
+            batch: ``REQUIRED_KEYS`` of shape (B, S, size), ``frame_index`` (B, S), ``index`` (B,), ``task``, a sentence
+                for each row, and booleans ``action_is_pad`` (B, S) where windows reach beyond their episodes.
+            task_dims: Sizes of observation, goal and action by task sentence; a task's index is its place here.
+
+        Returns:
+            A row and a segment a window.
+
+        Raises:
+            KeyError: The batch lacks something, or holds a task that is none of ``task_dims``.
+            ValueError: Items have fewer numbers than a task needs.
+        """
+        needed = (*REQUIRED_KEYS, "frame_index", "index", "task")
+        missing = [key for key in needed if key not in batch]
+        if missing:
+            raise KeyError(f"Windows must hold {', '.join(needed)}; the batch lacks {', '.join(missing)}.")
+        for task in dict.fromkeys(batch["task"]):
+            if task not in task_dims:
+                raise KeyError(f"Unknown task {task!r}; this policy knows {sorted(task_dims)}.")
+            state, goal, action = task_dims[task]
+            for key, size in ((STATE, state), (GOAL, goal), (ACHIEVED_GOAL, goal), (ACTION, action)):
+                if batch[key].ndim != 3 or batch[key].shape[-1] < size:
+                    raise ValueError(
+                        f"{key} must have the shape (windows, steps, {size}) for the task {task!r}, "
+                        f"got {tuple(batch[key].shape)}."
+                    )
+        timestep = batch["frame_index"]
+        shape, device = timestep.shape, timestep.device
+        row = torch.arange(shape[0], device=device)[:, None].expand(shape)
+        padded = batch.get("action_is_pad", torch.zeros_like(timestep, dtype=torch.bool))
+        places = {task: i for i, task in enumerate(task_dims)}
+        task = torch.tensor([places[task] for task in batch["task"]], device=device)
+        return cls(
+            items={key: batch[key].float().view(*shape, -1) for key in REQUIRED_KEYS},
+            timestep=timestep,
+            segment=row.masked_fill(padded, -1),
+            source=row,
+            key=batch["index"][:, None].expand(shape),
+            task=task[:, None].expand(shape),
+        )
+
     @property
     def real(self) -> Tensor:
         """Marks the steps that are no padding, shape (R, S)."""

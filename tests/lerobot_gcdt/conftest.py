@@ -12,14 +12,17 @@ os.environ.setdefault("HF_HUB_OFFLINE", "1")
 
 import datasets
 import pytest
+import torch
 from accelerate.state import AcceleratorState
 from lerobot.configs import parser
 from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
+from lerobot.datasets.lerobot_dataset import LeRobotDataset
 from lerobot.scripts import lerobot_eval, lerobot_train
 
 from lerobot_gcdt import GCDTConfig
 from lerobot_gcdt.merging import merge
 from lerobot_gcdt.recording import record
+from lerobot_gcdt.trajectories import REQUIRED_KEYS
 
 EPISODES = 4
 
@@ -69,6 +72,19 @@ def needle_reach_meta(needle_reach_root):
 def uneven_meta(uneven_root):
     """Metadata of the merged dataset."""
     return LeRobotDatasetMetadata("local/uneven", root=uneven_root)
+
+
+@pytest.fixture(scope="session")
+def needle_pick_windows(needle_pick_root):
+    """Windows of 50 steps of the NeedlePick dataset that end with its frames 49, 99 and 119, from LeRobot's loader."""
+    offsets = [i / 5 for i in range(-49, 1)]
+    dataset = LeRobotDataset(
+        "local/needle_pick",
+        root=needle_pick_root,
+        delta_timestamps=dict.fromkeys((*REQUIRED_KEYS, "frame_index"), offsets),
+        video_backend="pyav",
+    )
+    return torch.utils.data.default_collate([dataset[i] for i in (49, 99, 119)])
 
 
 @pytest.fixture

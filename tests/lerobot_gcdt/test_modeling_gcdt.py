@@ -246,6 +246,23 @@ def test_the_unreduced_loss_has_an_entry_a_frame(policy):
     assert each.mean().item() == pytest.approx(policy.forward(batch)[0].item(), rel=1e-5)  # equally long episodes
 
 
+def test_windows_of_whole_episodes_give_the_loss_of_their_frames(policy, needle_pick_windows):
+    policy.eval()
+    windows = policy.forward(needle_pick_windows, reduction="none")[0]
+    frames = policy.forward({"index": torch.tensor([0, 50])}, reduction="none")[0]
+    torch.testing.assert_close(windows[:2], frames)
+
+
+def test_windows_train_a_policy_without_a_dataset_in_both_stages(two_task_policy, needle_pick_windows):
+    two_task_policy.train()
+    assert list(two_task_policy.forward(needle_pick_windows)[1]) == ["action_loss"]
+    two_task_policy.config.training_stage = "pretrain"
+    loss, log = two_task_policy.forward(needle_pick_windows)
+    assert len(log) == 4
+    loss.backward()
+    assert all(p.grad is not None for p in two_task_policy.modules_of(PICK).parameters())
+
+
 @pytest.mark.parametrize("key", [STATE, GOAL, TIME_TO_GOAL])
 def test_items_are_standardised_as_training_sees_them(policy, key):
     sequences = policy._draw(torch.arange(200), 1)

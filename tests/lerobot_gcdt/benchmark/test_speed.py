@@ -18,7 +18,7 @@ def test_every_figure_is_printed(lines):
         "training step / transformer alone on the same tokens",
         "data and relabelling / training step",
         "real tokens / computed tokens",
-        "training with LeRobot's windows of # steps / with the bank",
+        "training step with LeRobot's windows of # steps / with the bank",
         "select_action at step #",
     ]
     assert all(float(number) > 0 for line in lines for number in re.findall(r": ([\d.]+)", line))
