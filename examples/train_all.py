@@ -1,4 +1,8 @@
-"""Trains GCDT on everything: cross-task pretraining on all ten tasks, then fine-tuning on each.
+"""Trains GCDT on everything, each stage from the one before it:
+
+    pretrain           all ten tasks, all four objectives
+    generalist         all ten tasks, actions only
+    NeedleReach, ...   one task, actions only
 
 Needs the ten datasets (`gcdt record --all --root datasets`), but no simulator. Every stage goes on where it was
 interrupted and is skipped when it is complete, so any part can be run on any machine:
@@ -22,71 +26,86 @@ from lerobot_gcdt.merging import merge
 from lerobot_gcdt.recording import dataset_name
 from lerobot_gcdt.training import arguments_to_reach, checkpoint
 
+SHARED = ("pretrain", "generalist")
+STAGES = (*SHARED, *surrol_gym.TASKS)
+
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--datasets", type=Path, default=Path("datasets"), help="folder of the ten datasets")
     parser.add_argument("--output", type=Path, default=Path("outputs/all"), help="folder of the trainings")
+    parser.add_argument("--stages", default=",".join(STAGES), help="what to train, separated by commas")
     parser.add_argument(
-        "--stages", default=",".join(["pretrain", *surrol_gym.TASKS]), help="what to train, separated by commas"
-    )
-    parser.add_argument(
-        "--scratch", choices=["gcdt", "bc"], help="train tasks from random weights, with this type of policy"
+        "--scratch", choices=["gcdt", "bc"], help="train each stage from random weights, with this type of policy"
     )
     parser.add_argument("--device", default="cpu")
     parser.add_argument("--pretrain_steps", type=int, default=20_000)
-    parser.add_argument("--finetune_steps", type=int, default=1_000)
+    parser.add_argument(
+        "--generalist_steps", type=int, default=30_000, help="0 leaves the stage out, as the paper does"
+    )
+    parser.add_argument("--finetune_steps", type=int, default=5_000)
     parser.add_argument("--save_freq", type=int, default=500)
     parser.add_argument("--launcher", default=f"{shlex.quote(sys.executable)} -m", help="command that runs a module")
     parser.add_argument("options", nargs="*", help="more arguments of lerobot-train, after --")
     options = parser.parse_args()
     stages = options.stages.split(",")
-    unknown = set(stages) - {"pretrain", *surrol_gym.TASKS}
+    unknown = set(stages) - set(STAGES)
     if unknown:
-        parser.error(f"unknown stages {sorted(unknown)}; choose from pretrain, {', '.join(surrol_gym.TASKS)}")
-    used = surrol_gym.TASKS if "pretrain" in stages else stages
+        parser.error(f"unknown stages {sorted(unknown)}; choose from {', '.join(STAGES)}")
+    used = surrol_gym.TASKS if set(stages) & set(SHARED) else stages
     needed = [name for name in map(dataset_name, used) if not (options.datasets / name).exists()]
     if needed:
         command = f"gcdt record --all --root {options.datasets}"
         parser.error(f"{options.datasets} lacks {', '.join(needed)}; record them with `{command}`")
-    pretrained = options.output / "pretrain"
-    if not options.scratch and "pretrain" not in stages and not checkpoint(pretrained).exists():
-        parser.error(f"there is no checkpoint in {pretrained}; add the stage pretrain, or pass --scratch gcdt")
-
-    if "pretrain" in stages:
-        merged = options.datasets / CROSS_TASK
-        if not merged.exists():
-            merge([options.datasets / dataset_name(task) for task in surrol_gym.TASKS], merged)
-        begin = ["--policy.type=gcdt", "--policy.training_stage=pretrain", *on(merged)]
-        train(options, pretrained, options.pretrain_steps, begin)
-    for task in surrol_gym.TASKS:
-        if task in stages:
-            if options.scratch:
-                start = [f"--policy.type={options.scratch}"]
-            else:
-                start = [f"--policy.path={checkpoint(pretrained)}", "--policy.training_stage=finetune"]
-                start.append("--policy.optimizer_lr=5e-4")  # the full rate would undo what is learned
-            begin = [*start, *on(options.datasets / dataset_name(task))]
-            train(options, options.output / task, options.finetune_steps, begin)
+    if options.generalist_steps == 0:
+        stages = [stage for stage in stages if stage != "generalist"]
+    for stage in stages:
+        start = start_of(options, stage)
+        if start and start.name not in stages and not checkpoint(start).exists():
+            parser.error(
+                f"{stage} starts from the stage {start.name}, but there is no checkpoint in {start}; add {start.name} "
+                "to the stages, or pass --scratch gcdt"
+            )
+    for stage in STAGES:
+        if stage in stages:
+            train(options, stage)
 
 
-def on(dataset: Path) -> list[str]:
-    """Arguments that name a dataset."""
-    return [f"--dataset.repo_id=local/{dataset.name}", f"--dataset.root={dataset}"]
+def start_of(options: argparse.Namespace, stage: str) -> Path | None:
+    """Returns the training whose last checkpoint a stage begins with, None for random weights."""
+    if options.scratch or stage == "pretrain":
+        return None
+    return options.output / ("pretrain" if stage == "generalist" or options.generalist_steps == 0 else "generalist")
 
 
-def train(options: argparse.Namespace, output: Path, steps: int, begin: list[str]):
-    """Runs `lerobot-train` to the last step of one training."""
-    common = [
+def train(options: argparse.Namespace, stage: str):
+    """Runs `lerobot-train` to the last step of one stage."""
+    dataset = options.datasets / (CROSS_TASK if stage in SHARED else dataset_name(stage))
+    if stage in SHARED and not dataset.exists():
+        merge([options.datasets / dataset_name(task) for task in surrol_gym.TASKS], dataset)
+    start = start_of(options, stage)
+    if start is None:
+        begin = [f"--policy.type={options.scratch or 'gcdt'}"]
+    else:
+        begin = [f"--policy.path={checkpoint(start)}", "--policy.training_stage=finetune"]
+        if stage not in SHARED:
+            begin.append("--policy.optimizer_lr=5e-4")  # the full rate would undo what is learned
+    if stage == "pretrain":
+        begin.append("--policy.training_stage=pretrain")
+    begin += [
+        f"--dataset.repo_id=local/{dataset.name}",
+        f"--dataset.root={dataset}",
         "--policy.push_to_hub=false",
         f"--policy.device={options.device}",
         f"--save_freq={options.save_freq}",
         "--log_freq=100",
-        "--batch_size=4",
+        f"--batch_size={8 if stage == 'generalist' else 4}",
         "--num_workers=0",
         *options.options,
     ]
-    arguments = arguments_to_reach(steps, output, [*begin, *common])
+    steps = {"pretrain": options.pretrain_steps, "generalist": options.generalist_steps}
+    output = options.output / stage
+    arguments = arguments_to_reach(steps.get(stage, options.finetune_steps), output, begin)
     if arguments is None:
         print(f"{output} is complete already.")
         return

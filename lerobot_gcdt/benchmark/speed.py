@@ -50,7 +50,7 @@ def measure(root: Path, device: str, context_length: int) -> list[str]:
     config = GCDTConfig(context_length=context_length, device=device, push_to_hub=False)
     policy = GCDTPolicy(config, dataset_meta=meta).train()
     policy.to(device)
-    optimizer = torch.optim.AdamW(policy.parameters(), lr=1e-4)
+    optimizer = torch.optim.AdamW(policy.get_optim_params(), lr=1e-4)
     index = torch.randint(len(policy._bank), (BATCH,), generator=torch.Generator().manual_seed(0))
     sequences = policy._draw(index.to(device), context_length)
     kinds = len(ORDER) if context_length > 1 else len(ORDER) - 1

@@ -1,4 +1,4 @@
-"""Pretraining and fine-tuning in one command, small: weights are handed on, nothing is repeated or guessed."""
+"""All stages of training in one command, small: weights are handed on, nothing is repeated or guessed."""
 
 import runpy
 import shutil
@@ -53,17 +53,19 @@ def datasets(tmp_path_factory):
 @pytest.fixture(scope="module")
 def trained(datasets, tmp_path_factory):
     output = tmp_path_factory.mktemp("all")
-    sizes = ["--stages=pretrain,NeedlePick", "--pretrain_steps=2", "--finetune_steps=1", "--save_freq=2"]
+    sizes = ["--stages=pretrain,generalist,NeedlePick", "--save_freq=2"]
+    sizes += ["--pretrain_steps=2", "--generalist_steps=1", "--finetune_steps=1"]
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("HF_HUB_OFFLINE", "1")
         call(patch, datasets, output, *sizes, "--", *TINY, "--policy.optimizer_lr=1e-12")
     return output, sizes
 
 
-def test_fine_tuning_starts_from_the_pretrained_weights(trained):
+@pytest.mark.parametrize(("first", "second"), [("pretrain", "generalist"), ("generalist", "NeedlePick")])
+def test_a_stage_starts_from_the_weights_of_the_one_before_it(trained, first, second):
     before, after = (
         load_file(trained[0] / stage / "checkpoints/last/pretrained_model/model.safetensors")
-        for stage in ("pretrain", "NeedlePick")
+        for stage in (first, second)
     )
     assert before.keys() == after.keys()
     # The learning rate is next to nothing.
@@ -74,7 +76,7 @@ def test_a_second_call_repeats_nothing(trained, datasets, run, capfd):
     output, sizes = trained
     run(datasets, output, *sizes)
     printed = capfd.readouterr().out
-    assert printed.count("is complete already") == 2
+    assert printed.count("is complete already") == 3
     assert "lerobot_train" not in printed
 
 
@@ -88,10 +90,19 @@ def test_a_missing_dataset_is_named(datasets, tmp_path, run, capsys):
     assert not (tmp_path / "output").exists()
 
 
-def test_fine_tuning_without_pretraining_is_asked_for(datasets, tmp_path, run, capsys):
+@pytest.mark.parametrize(
+    ("arguments", "missing"),
+    [
+        (["--stages=NeedlePick"], "generalist"),
+        (["--stages=NeedlePick", "--generalist_steps=0"], "pretrain"),
+        (["--stages=generalist"], "pretrain"),
+    ],
+)
+def test_a_stage_whose_start_is_missing_asks_for_it(datasets, tmp_path, run, capsys, arguments, missing):
     with pytest.raises(SystemExit):
-        run(datasets, tmp_path / "output", "--stages=NeedlePick")
-    assert "--scratch" in capsys.readouterr().err
+        run(datasets, tmp_path / "output", *arguments)
+    error = capsys.readouterr().err
+    assert f"add {missing}" in error and "--scratch" in error
 
 
 def test_an_unknown_stage_names_the_known_ones(datasets, tmp_path, run, capsys):
