@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 import gymnasium as gym
 import numpy as np
+from lerobot.utils.constants import OBS_IMAGES
 
 from lerobot_gcdt.openh import CARTESIAN_STATE, cartesian_state, cartesian_state_names
 from lerobot_gcdt.surrol_env import ENVIRONMENT_STATE, env_class
@@ -124,4 +125,4 @@ def vector_feature(names: Sequence[str]) -> dict:
 
 
 def _image_key(camera: str) -> str:
-    return f"observation.images.{camera}"
+    return f"{OBS_IMAGES}.{camera}"

@@ -3,12 +3,14 @@
 from dataclasses import dataclass, field
 
 import gymnasium as gym
+import numpy as np
 from gymnasium.envs.registration import load_env_creator
 from lerobot.configs.types import FeatureType, PolicyFeature
 from lerobot.envs.configs import EnvConfig
 from lerobot.envs.utils import freeze_after_episode_end
 from lerobot.processor import PolicyProcessorPipeline
 from lerobot.processor.pipeline import ObservationProcessorStep, ProcessorStepRegistry
+from lerobot.utils.constants import OBS_IMAGES
 
 import surrol_gym
 from lerobot_gcdt.trajectories import ACHIEVED_GOAL, ACTION, GOAL, STATE
@@ -20,6 +22,28 @@ ENVIRONMENT_STATE = "observation.environment_state"
 def env_class(env_id: str) -> type[PSMEnv]:
     """Returns the class of an environment, which knows its names, sizes and cameras without being made."""
     return load_env_creator(gym.spec(env_id).entry_point)
+
+
+class CameraPictures(gym.ObservationWrapper):
+    """Adds pictures to the observations: ``pixels``, a dictionary of one of shape (size, size, 3) for each camera.
+
+    Args:
+        env: An environment of ``surrol_gym``.
+        cameras: Names of its cameras.
+        size: Width and height, pixels.
+    """
+
+    def __init__(self, env: gym.Env, cameras: list[str], size: int):
+        super().__init__(env)
+        self._cameras, self._size = cameras, size
+        picture = gym.spaces.Box(0, 255, (size, size, 3), np.uint8)
+        pixels = gym.spaces.Dict(dict.fromkeys(cameras, picture))
+        self.observation_space = gym.spaces.Dict({**env.observation_space.spaces, "pixels": pixels})
+
+    def observation(self, observation):
+        """Adds the pictures of this moment."""
+        picture = self.unwrapped.picture
+        return observation | {"pixels": {camera: picture(camera, self._size, self._size) for camera in self._cameras}}
 
 
 @ProcessorStepRegistry.register(name="surrol_observations")
@@ -53,9 +77,12 @@ class SurRoLEnvConfig(EnvConfig):
         camera: Camera of the rendered pictures.
         width: Width of the rendered pictures, pixels.
         height: Height of the rendered pictures, pixels.
+        cameras: Cameras that policies see as ``observation.images.<camera>``, separated by commas, as in
+            ``gcdt record --cameras``.
+        camera_size: Width and height of what they see, pixels.
 
     Raises:
-        ValueError: A task is not registered.
+        ValueError: A task is not registered, or does not have one of ``cameras``.
     """
 
     task: str = "NeedlePick-v0"
@@ -65,12 +92,19 @@ class SurRoLEnvConfig(EnvConfig):
     camera: str = "closeup"
     width: int = 256
     height: int = 256
+    cameras: str = ""
+    camera_size: int = 128
 
     def __post_init__(self):
         known = [f"{task}-v0" for task in surrol_gym.TASKS]
         for task in self._tasks():
             if task not in known:
                 raise ValueError(f"env.task must be among {known} or a comma-separated list of them, got {task!r}.")
+            has = sorted(env_class(f"surrol/{task}").cameras)
+            if not set(self._cameras()) <= set(has):
+                raise ValueError(f"{task} has the cameras {', '.join(has)}; got env.cameras={self.cameras}.")
+        if self.camera_size < 1:
+            raise ValueError(f"env.camera_size must be positive, got {self.camera_size}.")
         env = env_class(self.gym_id)
         self.features = {
             ACTION: PolicyFeature(FeatureType.ACTION, (len(env.action_names),)),
@@ -79,6 +113,8 @@ class SurRoLEnvConfig(EnvConfig):
             ACHIEVED_GOAL: PolicyFeature(FeatureType.STATE, (len(env.goal_names),)),
             ENVIRONMENT_STATE: PolicyFeature(FeatureType.ENV, (len(env.goal_names),)),
         }
+        picture = PolicyFeature(FeatureType.VISUAL, (self.camera_size, self.camera_size, 3))
+        self.features |= {f"{OBS_IMAGES}.{camera}": picture for camera in self._cameras()}
         self.features_map = {key: key for key in self.features}
 
     @property
@@ -115,9 +151,13 @@ class SurRoLEnvConfig(EnvConfig):
     def _tasks(self) -> list[str]:
         return [task.strip() for task in self.task.split(",")]
 
+    def _cameras(self) -> list[str]:
+        return [camera.strip() for camera in self.cameras.split(",") if camera.strip()]
+
     def _create(self, task: str, n_envs: int, use_async_envs: bool) -> gym.vector.VectorEnv:
         def make():
-            return gym.make(f"surrol_gym:surrol/{task}", disable_env_checker=True, **self.gym_kwargs)
+            env = gym.make(f"surrol_gym:surrol/{task}", disable_env_checker=True, **self.gym_kwargs)
+            return CameraPictures(env, self._cameras(), self.camera_size) if self.cameras else env
 
         makers = [freeze_after_episode_end(make)] * n_envs
         mode = gym.vector.AutoresetMode.NEXT_STEP

@@ -79,7 +79,7 @@ def test_lerobots_own_policies_train_on_a_dataset_and_are_evaluated(policy, dist
     assert overall["pc_success"] in (0, 100)
 
 
-def test_lerobots_own_policies_train_on_films(rich_root, tmp_path, train):
+def test_lerobots_own_policies_train_on_films_and_are_evaluated_on_pictures(rich_root, tmp_path, train, evaluate):
     train(
         *("--policy.type=act", *(f"--policy.{option}" for option in SMALL["act"]), *ON_CPU, *dataset(rich_root)),
         *("--dataset.video_backend=pyav", "--batch_size=2", "--num_workers=0", "--steps=1"),
@@ -89,6 +89,12 @@ def test_lerobots_own_policies_train_on_films(rich_root, tmp_path, train):
     assert {"observation.images.overview", "observation.images.closeup"} <= set(
         PreTrainedConfig.from_pretrained(model).input_features
     )
+    evaluate(
+        *(f"--policy.path={model}", "--policy.device=cpu", "--env.type=surrol", "--env.task=NeedlePick-v0"),
+        *("--env.cameras=overview,closeup", "--env.camera_size=64", "--eval.n_episodes=1", "--eval.batch_size=1"),
+        *("--eval.use_async_envs=false", f"--output_dir={tmp_path / 'evaluation'}"),
+    )
+    assert json.loads((tmp_path / "evaluation" / "eval_info.json").read_text())["overall"]["n_episodes"] == 1
 
 
 def test_a_share_of_the_episodes_is_held_out_of_the_training_of_lerobots_own_policies(

@@ -16,6 +16,7 @@ from lerobot.envs.utils import NEW_ROLLOUT_OPTION, env_to_policy_features
 
 import surrol_gym
 from lerobot_gcdt import SurRoLEnvConfig
+from lerobot_gcdt.features import Extras
 
 BOTH = "NeedleReach-v0,NeedlePick-v0"
 
@@ -157,6 +158,20 @@ def test_a_reset_looks_like_the_first_frame_of_the_dataset(task, fixture, make, 
             np.testing.assert_array_equal(batch[key][row], dataset[first][key])
 
 
+def test_policies_see_the_pictures_that_recordings_hold(make):
+    extras = Extras(cameras=["overview", "closeup"], camera_size=32)
+    config = SurRoLEnvConfig(task="NeedlePick-v0", cameras="overview,closeup", camera_size=32)
+    env = only(make(config, n_envs=2))
+    observation, _ = env.reset(seed=[3, 4])
+    assert env.observation_space.contains(observation)
+    batch = processed(config, observation)
+    for row, single in enumerate(env.envs):
+        for key, picture in extras.observe(single).items():
+            np.testing.assert_array_equal(np.rint(255 * batch[key][row].permute(1, 2, 0).numpy()), picture)
+            assert env_to_policy_features(config)[key].shape == batch[key][row].shape
+    assert {key for key in batch if key.startswith("observation.")} == set(config.features) - {"action"}
+
+
 def test_the_task_sentence_passes_the_processors():
     observation = {key: np.zeros((1, 3), dtype=np.float32) for key in ("observation", "achieved_goal", "desired_goal")}
     preprocessor, _ = SurRoLEnvConfig().get_env_processors()
@@ -203,10 +218,20 @@ def test_an_unknown_task_is_one_error_that_names_it_and_the_known_ones(task):
     assert repr(task.split(",")[-1]) in str(error.value)
 
 
+def test_an_unknown_camera_of_policies_names_the_known_ones():
+    with pytest.raises(ValueError, match="(?s)closeup, overview.*endoscope"):
+        SurRoLEnvConfig(cameras="overview,endoscope")
+
+
 @pytest.mark.parametrize(
     ("picture", "named"),
-    [({"camera": "endoscope"}, "endoscope"), ({"width": 0}, "0"), ({"height": -8}, "-8")],
-    ids=["camera", "width", "height"],
+    [
+        ({"camera": "endoscope"}, "endoscope"),
+        ({"width": 0}, "0"),
+        ({"height": -8}, "-8"),
+        ({"camera_size": 0}, "camera_size"),
+    ],
+    ids=["camera", "width", "height", "camera_size"],
 )
 def test_a_bad_picture_is_one_error_that_names_it(picture, named, make):
     with pytest.raises(ValueError, match=named):
