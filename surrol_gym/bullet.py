@@ -1,5 +1,6 @@
 """One PyBullet world per object: bodies, contacts and snapshots. No module-level state."""
 
+import os
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -237,6 +238,12 @@ class World:
 
 class _Client(BulletClient):
     """A client that looks up each of PyBullet's functions only once."""
+
+    def __init__(self, mode):
+        # The base class connects with empty options, which makes PyBullet print "argv[0]=" each time.
+        self._pid = os.getpid()
+        self._client = -1
+        self._client = pybullet.connect(mode)
 
     def __getattr__(self, name):
         function = super().__getattr__(name)

@@ -1,3 +1,6 @@
+import subprocess
+import sys
+
 import numpy as np
 import pybullet
 import pytest
@@ -30,6 +33,13 @@ def test_the_engine_has_the_parameters_of_the_original(world):
     assert parameters["numSubSteps"] in (0, 1)
     gravity = [parameters[f"gravityAcceleration{axis}"] for axis in "XYZ"]
     assert gravity == [0, 0, pytest.approx(-9.81)]
+
+
+def test_a_client_prints_nothing():
+    # In a process of its own, because what C prints into a pipe appears at its end.
+    code = "from surrol_gym.bullet import World; World().close(); World().close()"
+    printed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert [line for line in printed.splitlines() if "build time" not in line] == []
 
 
 def test_descriptions_in_metres_are_loaded_five_times_as_large(world):
