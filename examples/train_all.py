@@ -43,7 +43,7 @@ def main():
     parser.add_argument(
         "--generalist_steps", type=int, default=30_000, help="0 leaves the stage out, as the paper does"
     )
-    parser.add_argument("--finetune_steps", type=int, default=5_000)
+    parser.add_argument("--finetune_steps", type=int, default=2_000, help="steps on one task, from scratch too")
     parser.add_argument("--save_freq", type=int, default=500)
     parser.add_argument("--launcher", default=f"{shlex.quote(sys.executable)} -m", help="command that runs a module")
     parser.add_argument("options", nargs="*", help="more arguments of lerobot-train, after --")

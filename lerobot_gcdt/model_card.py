@@ -114,7 +114,7 @@ def model_card(checkpoint: Path, repo_id: str | None = None) -> str:
         tasks="\n".join(f'* {task}: "{sentence}"' for task, sentence in known.items()),
         success=_success(table),
         data_name=config["dataset"]["repo_id"] + (f" at {revision}" if revision else ""),
-        commands="\n".join([*_recordings(config["dataset"]), _training_command(checkpoint, config)]),
+        commands="\n".join(dict.fromkeys(_commands(checkpoint, config))),
         versions=_versions(),
         policy_class=policy_class,
         repo_id=repo_id,
@@ -184,20 +184,34 @@ def _folder(dataset: dict) -> str:
     return f"datasets/{dataset['repo_id'].split('/')[-1]}"
 
 
-def _training_command(checkpoint: Path, config: dict) -> str:
-    """The command of the whole training, also of one that was interrupted, with all that differs from the defaults."""
+def _commands(checkpoint: Path, config: dict) -> list[str]:
+    """The commands that record a training's data and train, as one even where the training was interrupted.
+
+    Those of the checkpoint that it started from come first, where that is on this machine.
+    """
     policy, dataset = config["policy"], config["dataset"]
     start = _before_resuming(checkpoint, config)["policy"]["pretrained_path"]
+    earlier, begin, before = [], f"--policy.type={policy['type']}", {}
+    if start:
+        begin, before = f"--policy.path={start}", {"training_stage": None}  # what a repository has is not looked up
+        folder = Path(start).resolve()
+        if (folder / "train_config.json").exists():
+            before = json.loads((folder / "config.json").read_text())
+            if folder.parents[1].name == "checkpoints":
+                output, step = f"outputs/{folder.parents[2].name}", folder.parent.name
+                [*earlier, last] = _commands(folder, json.loads((folder / "train_config.json").read_text()))
+                earlier.append(f"{last} \\\n  --output_dir={output}")
+                begin = f"--policy.path={output}/checkpoints/{step}/pretrained_model"
     arguments = [
-        f"--policy.path={start}" if start else f"--policy.type={policy['type']}",
-        *_changed("policy", policy, PreTrainedConfig.get_choice_class(policy["type"])),
+        begin,
+        *_changed("policy", policy, PreTrainedConfig.get_choice_class(policy["type"]), before),
         f"--dataset.repo_id={dataset['repo_id']}",
         *([f"--dataset.root={_folder(dataset)}"] if dataset["root"] else []),
-        *_changed("dataset", dataset, DatasetConfig),
+        *_changed("dataset", dataset, DatasetConfig, {}),
         *(f"--{name}={config[name]}" for name in ("steps", "batch_size", "seed")),
         "--policy.push_to_hub=false",
     ]
-    return " \\\n  ".join(["lerobot-train", *map(shlex.quote, arguments)])
+    return [*earlier, *_recordings(dataset), " \\\n  ".join(["lerobot-train", *map(shlex.quote, arguments)])]
 
 
 def _before_resuming(checkpoint: Path, config: dict) -> dict:
@@ -206,14 +220,14 @@ def _before_resuming(checkpoint: Path, config: dict) -> dict:
     return json.loads(first[0].read_text()) if config["resume"] and first else config
 
 
-def _changed(group: str, values: dict, config_class: type) -> list[str]:
-    """The options of a group that were chosen: those that are not their defaults."""
+def _changed(group: str, values: dict, config_class: type, before: dict) -> list[str]:
+    """The options of a group that were chosen: those that are not what they were before, or else their defaults."""
     options = []
     for field in dataclasses.fields(config_class):
         if field.name in values and field.name not in NOT_CHOSEN:
             default = field.default if field.default_factory is dataclasses.MISSING else field.default_factory()
             value = values[field.name]
-            if value != draccus.encode(default):
+            if value != before.get(field.name, draccus.encode(default)):
                 options.append(f"--{group}.{field.name}={value if isinstance(value, str) else json.dumps(value)}")
     return options
 

@@ -30,8 +30,8 @@ def policy(tiny_config):
 def save(tmp_path):
     """Saves the configurations of a checkpoint, all that a card reads of it; returns its folder."""
 
-    def save(policy, data, step=40, **options):
-        folder = tmp_path / "output" / "checkpoints" / f"{step:06}" / "pretrained_model"
+    def save(policy, data, step=40, output="output", **options):
+        folder = tmp_path / output / "checkpoints" / f"{step:06}" / "pretrained_model"
         folder.mkdir(parents=True)
         policy._save_pretrained(folder)
         data = DatasetConfig(video_backend="pyav", **data)
@@ -126,9 +126,23 @@ def test_a_published_dataset_is_linked_with_its_revision(save, policy):
 
 def test_fine_tuning_names_what_it_started_from(save, policy):
     policy.pretrained_path = Path("me/generalist")
-    assert command(model_card(save(policy, {"repo_id": "me/data"}))).startswith(
-        "lerobot-train --policy.path=me/generalist"
-    )
+    told = command(model_card(save(policy, {"repo_id": "me/data"})))
+    assert told.startswith("lerobot-train --policy.path=me/generalist")
+    assert "--policy.training_stage=finetune" in told  # whatever the stage of the start was
+
+
+def test_trainings_that_follow_one_another_are_all_told(save, policy, needle_reach_root):
+    data = {"repo_id": "local/needle_reach", "root": str(needle_reach_root)}
+    policy.training_stage = "pretrain"
+    first = save(policy, data, step=20, output="first")
+    policy.training_stage, policy.pretrained_path = "finetune", first
+    card = model_card(save(policy, data, step=40, output="second"))
+    assert card.count("gcdt record") == 1
+    one, two = command(card).split("lerobot-train ")[1:]
+    assert one.startswith("--policy.type=gcdt") and "--policy.training_stage=pretrain" in one
+    assert one.strip().endswith("--output_dir=outputs/first")
+    start = "--policy.path=outputs/first/checkpoints/000020/pretrained_model"
+    assert two.startswith(f"{start} --policy.training_stage=finetune --dataset.repo_id=local/needle_reach")
 
 
 def test_a_resumed_training_is_told_as_one(save, policy):
