@@ -87,7 +87,7 @@ class Sequences:
         places = {task: i for i, task in enumerate(task_dims)}
         task = torch.tensor([places[task] for task in batch["task"]], device=device)
         return cls(
-            items={key: batch[key].float().view(*shape, -1) for key in REQUIRED_KEYS},
+            items={key: batch[key].float().reshape(*shape, -1) for key in REQUIRED_KEYS},
             timestep=timestep,
             segment=row.masked_fill(padded, -1),
             source=row,
