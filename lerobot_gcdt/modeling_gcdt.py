@@ -26,6 +26,7 @@ from lerobot_gcdt.trajectories import (
     TIME_TO_GOAL,
     Sequences,
     TrajectoryBank,
+    sizes_of,
 )
 from lerobot_gcdt.transformer import KeyValueCache, Transformer
 
@@ -388,9 +389,7 @@ class GCDTPolicy(PreTrainedPolicy):
             raise KeyError(f"select_action needs {', '.join(needed)}; the batch lacks {', '.join(missing)}.")
         tasks = [batch["task"]] if isinstance(batch["task"], str) else list(batch["task"])
         for task in dict.fromkeys(tasks):
-            if task not in self.config.task_dims:
-                raise KeyError(f"Unknown task {task!r}; this policy knows {sorted(self.config.task_dims)}.")
-            state, goal, _ = self.config.task_dims[task]
+            state, goal, _ = sizes_of(task, self.config.task_dims)
             for key, size in ((STATE, state), (GOAL, goal), (ACHIEVED_GOAL, goal)):
                 # Several tasks in one batch share a tensor, padded to the largest of them.
                 width = batch[key].shape[-1] if len(set(tasks)) > 1 else size

@@ -71,9 +71,7 @@ class Sequences:
         if missing:
             raise KeyError(f"Windows must hold {', '.join(needed)}; the batch lacks {', '.join(missing)}.")
         for task in dict.fromkeys(batch["task"]):
-            if task not in task_dims:
-                raise KeyError(f"Unknown task {task!r}; this policy knows {sorted(task_dims)}.")
-            state, goal, action = task_dims[task]
+            state, goal, action = sizes_of(task, task_dims)
             for key, size in ((STATE, state), (GOAL, goal), (ACHIEVED_GOAL, goal), (ACTION, action)):
                 if batch[key].ndim != 3 or batch[key].shape[-1] < size:
                     raise ValueError(
@@ -293,6 +291,17 @@ class TrajectoryBank:
 
     def _pieces(self, first: Tensor, length: int, source: Tensor, key: Tensor) -> Pieces:
         return Pieces(first, torch.minimum(first + length - 1, self.last[first]), source, key)
+
+
+def sizes_of(task: str, task_dims: dict[str, list[int]]) -> list[int]:
+    """Looks up the sizes of observation, goal and action of a task sentence.
+
+    Raises:
+        KeyError: The task is unknown.
+    """
+    if task not in task_dims:
+        raise KeyError(f"Unknown task {task!r}; this policy knows {sorted(task_dims)}.")
+    return task_dims[task]
 
 
 def _pack(lengths: list[int], device: torch.device) -> tuple[Tensor, Tensor]:
