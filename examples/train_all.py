@@ -52,7 +52,10 @@ def main():
     unknown = set(stages) - set(STAGES)
     if unknown:
         parser.error(f"unknown stages {sorted(unknown)}; choose from {', '.join(STAGES)}")
-    used = surrol_gym.TASKS if set(stages) & set(SHARED) else stages
+    shared = [stage for stage in SHARED if stage in stages]
+    if shared and options.scratch == "bc":
+        parser.error(f"bc learns one task; leave {', '.join(shared)} out of --stages")
+    used = surrol_gym.TASKS if shared else stages
     needed = [name for name in map(dataset_name, used) if not (options.datasets / name).exists()]
     if needed:
         command = f"gcdt record --all --root {options.datasets}"

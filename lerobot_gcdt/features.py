@@ -5,10 +5,9 @@ from dataclasses import dataclass, field
 
 import gymnasium as gym
 import numpy as np
-from lerobot.utils.constants import OBS_IMAGES
 
 from lerobot_gcdt.openh import CARTESIAN_STATE, cartesian_state, cartesian_state_names
-from lerobot_gcdt.surrol_env import ENVIRONMENT_STATE, env_class
+from lerobot_gcdt.surrol_env import ENVIRONMENT_STATE, env_class, image_key
 from lerobot_gcdt.trajectories import ACHIEVED_GOAL, ACTION, GOAL, STATE, TIME_TO_GOAL
 
 DISTURBANCE = "disturbance"
@@ -55,13 +54,13 @@ class Extras:
         }
         numbers = {"openh": {CARTESIAN_STATE: vector_feature(cartesian_state_names(len(env.unwrapped.mounts)))}}
         described = {key: value for name in self.fields for key, value in numbers[name].items()}
-        return described | {_image_key(camera): picture for camera in self.cameras}
+        return described | {image_key(camera): picture for camera in self.cameras}
 
     def observe(self, env: gym.Env) -> dict[str, np.ndarray]:
         """Returns the further columns of this moment; what is simulated is not changed."""
         numbers = {CARTESIAN_STATE: cartesian_state(env.unwrapped)} if "openh" in self.fields else {}
         size = self.camera_size
-        return numbers | {_image_key(camera): env.unwrapped.picture(camera, size, size) for camera in self.cameras}
+        return numbers | {image_key(camera): env.unwrapped.picture(camera, size, size) for camera in self.cameras}
 
 
 NO_EXTRAS = Extras()
@@ -122,7 +121,3 @@ def time_to_goal(success: np.ndarray) -> np.ndarray:
 def vector_feature(names: Sequence[str]) -> dict:
     """Returns LeRobot's description of a vector of named float32 numbers."""
     return {"dtype": "float32", "shape": (len(names),), "names": list(names)}
-
-
-def _image_key(camera: str) -> str:
-    return f"{OBS_IMAGES}.{camera}"

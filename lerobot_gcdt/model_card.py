@@ -193,15 +193,13 @@ def _commands(checkpoint: Path, config: dict) -> list[str]:
     start = _before_resuming(checkpoint, config)["policy"]["pretrained_path"]
     earlier, begin, before = [], f"--policy.type={policy['type']}", {}
     if start:
-        begin, before = f"--policy.path={start}", {"training_stage": None}  # what a repository has is not looked up
+        begin, before = f"--policy.path={start}", _settings_of(start)
+    if start and _is_checkpoint(start):
         folder = Path(start).resolve()
-        if (folder / "train_config.json").exists():
-            before = json.loads((folder / "config.json").read_text())
-            if folder.parents[1].name == "checkpoints":
-                output, step = f"outputs/{folder.parents[2].name}", folder.parent.name
-                [*earlier, last] = _commands(folder, json.loads((folder / "train_config.json").read_text()))
-                earlier.append(f"{last} \\\n  --output_dir={output}")
-                begin = f"--policy.path={output}/checkpoints/{step}/pretrained_model"
+        output, step = f"outputs/{folder.parents[2].name}", folder.parent.name
+        [*earlier, last] = _commands(folder, json.loads((folder / "train_config.json").read_text()))
+        earlier.append(f"{last} \\\n  --output_dir={output}")
+        begin = f"--policy.path={output}/checkpoints/{step}/pretrained_model"
     arguments = [
         begin,
         *_changed("policy", policy, PreTrainedConfig.get_choice_class(policy["type"]), before),
@@ -212,6 +210,18 @@ def _commands(checkpoint: Path, config: dict) -> list[str]:
         "--policy.push_to_hub=false",
     ]
     return [*earlier, *_recordings(dataset), " \\\n  ".join(["lerobot-train", *map(shlex.quote, arguments)])]
+
+
+def _settings_of(start: str) -> dict:
+    """The settings of the policy that a training started from; what a repository has is not looked up."""
+    file = Path(start) / "config.json"
+    return json.loads(file.read_text()) if file.exists() else {"training_stage": None}  # the stage is always told
+
+
+def _is_checkpoint(start: str) -> bool:
+    """Whether a training started from a checkpoint of `lerobot-train` on this machine."""
+    folder = Path(start).resolve()
+    return folder.parent.parent.name == "checkpoints" and (folder / "train_config.json").exists()
 
 
 def _before_resuming(checkpoint: Path, config: dict) -> dict:

@@ -24,6 +24,11 @@ def env_class(env_id: str) -> type[PSMEnv]:
     return load_env_creator(gym.spec(env_id).entry_point)
 
 
+def image_key(camera: str) -> str:
+    """Returns the dataset key of a camera's pictures."""
+    return f"{OBS_IMAGES}.{camera}"
+
+
 class CameraPictures(gym.ObservationWrapper):
     """Adds pictures to the observations: ``pixels``, a dictionary of one of shape (size, size, 3) for each camera.
 
@@ -114,7 +119,7 @@ class SurRoLEnvConfig(EnvConfig):
             ENVIRONMENT_STATE: PolicyFeature(FeatureType.ENV, (len(env.goal_names),)),
         }
         picture = PolicyFeature(FeatureType.VISUAL, (self.camera_size, self.camera_size, 3))
-        self.features |= {f"{OBS_IMAGES}.{camera}": picture for camera in self._cameras()}
+        self.features |= {image_key(camera): picture for camera in self._cameras()}
         self.features_map = {key: key for key in self.features}
 
     @property

@@ -105,6 +105,12 @@ def test_a_stage_whose_start_is_missing_asks_for_it(datasets, tmp_path, run, cap
     assert f"add {missing}" in error and "--scratch" in error
 
 
+def test_the_baseline_has_no_stage_of_several_tasks(datasets, tmp_path, run, capsys):
+    with pytest.raises(SystemExit):
+        run(datasets, tmp_path / "output", "--stages=pretrain,NeedlePick", "--scratch=bc")
+    assert "leave pretrain out" in capsys.readouterr().err
+
+
 def test_an_unknown_stage_names_the_known_ones(datasets, tmp_path, run, capsys):
     with pytest.raises(SystemExit):
         run(datasets, tmp_path / "output", "--stages=NeedleSew")
