@@ -305,9 +305,9 @@ def _merged_body(facts: dict, name: str, pictures: str) -> str:
         frames=FRAMES,
         padding=_fill(
             f"Vectors are padded with zeros, to {sizes}. Their numbers are named by position, such as `state_0`, and "
-            "mean what the tables below say of each task; `task_dims` in `meta/surrol.json` keeps their sizes without "
-            "padding. `meta/stats.json` is over all tasks and the padding; statistics of each task are in the card of "
-            "its own dataset."
+            "mean what the tables below say of each task; `meta/info.json` keeps their sizes without padding in the "
+            "description of `observation.state`. `meta/stats.json` is over all tasks and the padding; statistics of "
+            "each task are in the card of its own dataset."
         ),
         others=other_keys(env_class(parts[0]["env_id"]), asdict(NO_EXTRAS), {}),
         numbers="\n\n".join(numbers),

@@ -40,8 +40,8 @@ class GCDTConfig(SingleFrames):
         auxiliary_context_length: Steps in a piece of a trajectory that these three objectives read, one piece for each
             frame of a batch. 100 is the paper's.
         hidden_ratio: Share of the items that sequence reconstruction hides.
-        dtype: ``"bfloat16"`` or ``"float32"``: arithmetic of the transformer in training (LeRobot hands it to
-            Accelerate). Inference is always in float32.
+        dtype: Arithmetic of the transformer in training: ``"bfloat16"``, ``"float32"``, or ``"auto"`` for the faster of
+            the two on the device (``lerobot_gcdt.precision``). Weights and inference are always in float32.
         task_dims: Sizes ``[observation, goal, action]`` of each task, by task sentence. Filled from the dataset.
         expected_steps: Mean steps to the goal of each task, by task sentence: where time-to-goal starts at test time.
             Filled from the dataset.
@@ -69,7 +69,7 @@ class GCDTConfig(SingleFrames):
     reconstruction_weight: float = 0.1
     auxiliary_context_length: int = 20
     hidden_ratio: float = 0.15
-    dtype: str = "bfloat16"
+    dtype: str = "auto"
 
     task_dims: dict[str, list[int]] = field(default_factory=dict)
     expected_steps: dict[str, float] = field(default_factory=dict)
@@ -97,8 +97,8 @@ class GCDTConfig(SingleFrames):
             raise ValueError(f"policy.training_stage must be 'pretrain' or 'finetune', got {self.training_stage!r}.")
         if self.optimizer_lr <= 0:
             raise ValueError(f"policy.optimizer_lr must be positive, got {self.optimizer_lr}.")
-        if self.dtype not in ("bfloat16", "float32"):
-            raise ValueError(f"policy.dtype must be 'bfloat16' or 'float32', got {self.dtype!r}.")
+        if self.dtype not in ("auto", "bfloat16", "float32"):
+            raise ValueError(f"policy.dtype must be 'auto', 'bfloat16' or 'float32', got {self.dtype!r}.")
 
     def get_optimizer_preset(self) -> AdamWConfig:
         """Returns AdamW (Fu et al. 2024, section IV-A)."""

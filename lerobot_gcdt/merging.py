@@ -1,8 +1,8 @@
 """Merging the datasets of several tasks into one, for cross-task training.
 
 LeRobot merges datasets whose features are equal. The tasks' are not: so each dataset is first copied with its vectors
-padded with zeros to the largest task's size, and what their natural sizes are is kept in the merged metadata. Columns
-that only some tasks can have, such as videos, are left out.
+padded with zeros to the largest task's size, and the merged metadata keep the layout of each task
+(``lerobot_gcdt.task_layouts``). Columns that only some tasks can have, such as videos, are left out.
 """
 
 import json
@@ -21,9 +21,11 @@ from lerobot.utils.constants import DEFAULT_FEATURES
 from tqdm import tqdm
 
 from lerobot_gcdt.features import DISTURBANCE, REWARD, SUCCESS, vector_feature
+from lerobot_gcdt.keys import ACHIEVED_GOAL, ACTION, GOAL, STATE, TIME_TO_GOAL
 from lerobot_gcdt.recording import RECORDING_FILE, sort_statistics
 from lerobot_gcdt.surrol_env import ENVIRONMENT_STATE
-from lerobot_gcdt.trajectories import ACHIEVED_GOAL, ACTION, GOAL, STATE, TIME_TO_GOAL, to_array
+from lerobot_gcdt.task_layouts import padded_names, table_of, task_layouts
+from lerobot_gcdt.trajectories import to_array
 
 PADDED_SIZES = {STATE: 35, ENVIRONMENT_STATE: 6, GOAL: 6, ACHIEVED_GOAL: 6, ACTION: 10, DISTURBANCE: 10}
 """The largest size of each vector among the ten tasks."""
@@ -33,14 +35,6 @@ KEPT = (TIME_TO_GOAL, REWARD, SUCCESS)
 
 COLUMNS = (*PADDED_SIZES, *KEPT)
 """What a merged dataset holds, beside what LeRobot adds to every dataset."""
-
-
-def natural_dims(meta: LeRobotDatasetMetadata) -> dict[str, list[int]]:
-    """Returns the sizes ``[observation, goal, action]`` of each task of a dataset, without padding, by sentence."""
-    own = [meta.features[key]["shape"][0] for key in (STATE, GOAL, ACTION)]
-    note = Path(meta.root) / RECORDING_FILE
-    merged = json.loads(note.read_text()).get("task_dims", {}) if note.exists() else {}
-    return {task: merged.get(task, own) for task in meta.tasks.index}
 
 
 def merge(roots: Sequence[str | Path], root: str | Path) -> Path:
@@ -74,10 +68,11 @@ def merge(roots: Sequence[str | Path], root: str | Path) -> Path:
         left_out = sorted(set(meta.features) - {*COLUMNS, *DEFAULT_FEATURES})
         if left_out:
             print(f"Left out of {root}: {', '.join(left_out)} of {meta.root}.")
+    features = _padded_features(metas)
     parts = root.with_name(root.name + ".merging")
     datasets.disable_progress_bars()
     copies = [
-        _padded_copy(meta, parts / source.name)
+        _padded_copy(meta, features, parts / source.name)
         for source, meta in tqdm(zip(roots, metas, strict=True), total=len(roots), desc="Padding", unit="dataset")
     ]
     whole = parts / "merged"
@@ -88,10 +83,7 @@ def merge(roots: Sequence[str | Path], root: str | Path) -> Path:
         whole,
     )
     sort_statistics(whole)
-    task_dims: dict[str, list[int]] = {}
-    for meta in metas:
-        task_dims |= natural_dims(meta)
-    facts = {"task_dims": task_dims, "merged_from": [json.loads((r / RECORDING_FILE).read_text()) for r in roots]}
+    facts = {"merged_from": [json.loads((r / RECORDING_FILE).read_text()) for r in roots]}
     (whole / RECORDING_FILE).write_text(json.dumps(facts, indent=2) + "\n")
     root.parent.mkdir(parents=True, exist_ok=True)
     os.replace(whole, root)
@@ -99,21 +91,28 @@ def merge(roots: Sequence[str | Path], root: str | Path) -> Path:
     return root
 
 
-def _padded_copy(meta: LeRobotDatasetMetadata, copy: Path) -> Path:
-    """Copies a dataset with its vectors padded; a copy of the same recording that is there already is whole."""
-    note = (meta.root / RECORDING_FILE).read_text()
+def _padded_features(metas: Sequence[LeRobotDatasetMetadata]) -> dict[str, dict]:
+    """Returns LeRobot's description of the merged columns, with the natural layout of every task."""
+    features = {
+        key: vector_feature(padded_names(key, PADDED_SIZES[key]))
+        if key in PADDED_SIZES
+        else {name: metas[0].features[key][name] for name in ("dtype", "shape", "names")}
+        for key in COLUMNS
+    }
+    layouts = {task: layout for meta in metas for task, layout in task_layouts(meta).items()}
+    features[STATE] |= table_of(layouts)
+    return features
+
+
+def _padded_copy(meta: LeRobotDatasetMetadata, features: dict[str, dict], copy: Path) -> Path:
+    """Copies a dataset with its vectors padded; a copy for the same merger that is there already is whole."""
+    note = json.dumps([json.loads((meta.root / RECORDING_FILE).read_text()), features[STATE]["info"]])
     if copy.exists():
         if (copy / RECORDING_FILE).exists() and (copy / RECORDING_FILE).read_text() == note:
             return copy
         shutil.rmtree(copy)
     building = copy.with_name(copy.name + ".unfinished")
     shutil.rmtree(building, ignore_errors=True)
-    features = {
-        key: vector_feature([f"{key.split('.')[-1]}_{i}" for i in range(PADDED_SIZES[key])])
-        if key in PADDED_SIZES
-        else {name: meta.features[key][name] for name in ("dtype", "shape", "names")}
-        for key in COLUMNS
-    }
     dataset = LeRobotDataset.create(
         f"local/{copy.name}",
         fps=meta.fps,

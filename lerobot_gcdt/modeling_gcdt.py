@@ -8,26 +8,20 @@ from safetensors import safe_open
 from torch import Tensor, nn
 
 from lerobot_gcdt.configuration_gcdt import GCDTConfig
-from lerobot_gcdt.merging import natural_dims
+from lerobot_gcdt.keys import ACHIEVED_GOAL, ACTION, GOAL, STATE, TIME_TO_GOAL
 from lerobot_gcdt.objectives import (
     action_errors,
     draw_hidden,
     dynamics_loss,
     mean_of_each,
+    mean_over_processes,
     reconstruction_loss,
     time_to_goal_loss,
 )
-from lerobot_gcdt.tokens import ORDER, TaskModules, module_key
-from lerobot_gcdt.trajectories import (
-    ACHIEVED_GOAL,
-    ACTION,
-    GOAL,
-    STATE,
-    TIME_TO_GOAL,
-    Sequences,
-    TrajectoryBank,
-    sizes_of,
-)
+from lerobot_gcdt.precision import faster_precision
+from lerobot_gcdt.task_layouts import task_layouts
+from lerobot_gcdt.tokens import ORDER, TaskModules, module_names
+from lerobot_gcdt.trajectories import Sequences, TrajectoryBank, sizes_of
 from lerobot_gcdt.transformer import KeyValueCache, Transformer
 
 TOKENS = len(ORDER)
@@ -62,7 +56,8 @@ class GCDTPolicy(PreTrainedPolicy):
 
     Raises:
         KeyError: The dataset lacks a feature that GCDT needs.
-        ValueError: The dataset has other dimensions than the configuration for the same task, or is streamed.
+        ValueError: The dataset has other dimensions than the configuration for the same task, or cannot be read
+            (``TrajectoryBank.of``).
         FileNotFoundError: The dataset's files are not on this machine.
     """
 
@@ -75,11 +70,16 @@ class GCDTPolicy(PreTrainedPolicy):
         dataset_tasks = self._read_dataset(dataset_meta) if dataset_meta is not None else []
         self._task_order = list(dict.fromkeys([*dataset_tasks, *config.task_dims]))
         """Task sentences by index: the dataset's, then the others that the policy knows."""
-        self.action_sizes = torch.tensor([config.task_dims[t][2] for t in self._task_order], device=config.device)
+        action_sizes = [config.task_dims[task][2] for task in self._task_order]
+        self.register_buffer("action_sizes", torch.tensor(action_sizes), persistent=False)
+        self.register_buffer("training_step", torch.tensor(0))
+        """Batches of frames that training has seen; a part of the checkpoint, so that what a resumed training draws is
+        what it would have drawn."""
+        self._module_names = module_names(config.task_dims)
         self.tasks = nn.ModuleDict(
             {
-                module_key(task): TaskModules(dims, config.width, config.relative_goal)
-                for task, dims in config.task_dims.items()
+                name: TaskModules(config.task_dims[task], config.width, config.relative_goal)
+                for task, name in self._module_names.items()
             }
         )
         self.hidden_tokens = nn.Parameter(torch.randn(TOKENS, config.width))
@@ -89,8 +89,7 @@ class GCDTPolicy(PreTrainedPolicy):
         self.transformer = Transformer(config.layers, config.heads, config.width, config.inner_width, config.dropout)
         for i, task in enumerate(dataset_tasks):
             # Goals and times are standardised as training sees them, relabelled.
-            frames = torch.nonzero(self._bank.task == i).flatten()
-            pieces = self._bank.pieces(frames[self._bank.timestep[frames] == 0], 1)
+            pieces = self._bank.pieces(self._bank.training_starts(i), 1)
             seen = self._bank.sequences(pieces, self._bank.draw_cuts(pieces, config.hindsight_ratio))
             self.modules_of(task).fit({key: value[:, 0] for key, value in seen.items.items()})
         self.reset()
@@ -101,9 +100,12 @@ class GCDTPolicy(PreTrainedPolicy):
         """Computes the loss of a batch of frames, or of a batch of windows.
 
         In evaluation mode every frame stands for its episode, which is read in pieces of ``context_length`` steps. In
-        training mode as many pieces are drawn from all episodes, evenly over the tasks, and each is relabelled with
-        probability ``hindsight_ratio``. Windows, from loaders that make their own, are read as they are. Pretraining
-        adds the auxiliary objectives in training mode.
+        training mode as many pieces are drawn from all episodes that are trained on, evenly over the tasks and anew in
+        each call, and each is relabelled with probability ``hindsight_ratio``. Windows, from loaders that make their
+        own, are read as they are. Pretraining adds the auxiliary objectives in training mode.
+
+        In training with several processes the loss is weighted so that its mean over the processes is the mean over
+        all of their steps.
 
         Args:
             batch: Frames as `lerobot-train` gives them, of which only ``index``, shape (B,), is used; or windows,
@@ -117,7 +119,7 @@ class GCDTPolicy(PreTrainedPolicy):
             RuntimeError: The policy was made without a dataset, and the batch holds frames.
             KeyError, ValueError: Windows lack something or do not fit their task.
         """
-        index = batch["index"].to(self.action_sizes.device)
+        index = batch["index"].to(self.training_step.device)
         windows = STATE in batch and batch[STATE].ndim == 3
         if windows:
             sequences = Sequences.of_windows(batch, {task: self.config.task_dims[task] for task in self._task_order})
@@ -125,20 +127,24 @@ class GCDTPolicy(PreTrainedPolicy):
             raise RuntimeError(
                 "This policy was made for inference; to train it on frames, pass dataset_meta to its constructor."
             )
-        elif self.training:
-            sequences = self._draw(index, self.config.context_length)
         else:
-            sequences = self._bank.sequences(self._bank.pieces(index, self.config.context_length))
-        errors = action_errors(self, sequences)
-        if reduction == "none":
-            return mean_of_each(errors, sequences.source[sequences.real], len(index)), {}
-        loss = errors.mean()
-        log = {"action_loss": loss.item()}
-        if self.training and self.config.training_stage == "pretrain":
-            pieces = sequences if windows else self._draw(index, self.config.auxiliary_context_length, count=1)
-            for name, (weight, auxiliary) in self._auxiliary_losses(pieces).items():
-                loss = loss + weight * auxiliary
-                log[name] = auxiliary.item()
+            bank = self._bank.to(index.device)
+            length = self.config.context_length
+            sequences = self._draw(index, length) if self.training else bank.sequences(bank.pieces(index, length))
+        with self._training_precision():
+            errors = action_errors(self, sequences)
+            if reduction == "none":
+                return mean_of_each(errors, sequences.source[sequences.real], len(index)), {}
+            if not self.training:
+                return errors.mean(), {"action_loss": errors.mean().item()}
+            loss = mean_over_processes(errors)
+            log = {"action_loss": loss.item()}
+            if self.config.training_stage == "pretrain":
+                pieces = sequences if windows else self._draw(index, self.config.auxiliary_context_length, count=1)
+                for name, (weight, auxiliary) in self._auxiliary_losses(pieces).items():
+                    loss = loss + weight * auxiliary
+                    log[name] = auxiliary.item()
+        self.training_step += 1
         return loss, log
 
     def predict_actions(self, sequences: Sequences) -> Tensor:
@@ -184,7 +190,7 @@ class GCDTPolicy(PreTrainedPolicy):
 
     def modules_of(self, task: int | str) -> TaskModules:
         """Returns tokenizers and heads of a task, by its sentence or its index in sequences."""
-        return self.tasks[module_key(self._task_order[task] if isinstance(task, int) else task)]
+        return self.tasks[self._module_names[self._task_order[task] if isinstance(task, int) else task]]
 
     # Inference.
 
@@ -254,8 +260,9 @@ class GCDTPolicy(PreTrainedPolicy):
         with safe_open(model_file, "pt") as file:
             saved = set(file.keys())
         own = set(model.state_dict())
-        # Tasks that the checkpoint does not know keep their new modules.
+        # Tasks that the checkpoint does not know keep their new modules; older checkpoints do not count steps.
         new = {key for key in own if key.startswith("tasks.") and not _has_task(saved, key.split(".")[1])}
+        new |= {"training_step"} - saved
         problem = sorted(saved ^ (own - new))
         if not problem:
             try:
@@ -272,9 +279,9 @@ class GCDTPolicy(PreTrainedPolicy):
         """Loads the trajectories and adds the dataset's tasks to the configuration; returns them by index."""
         self._bank = TrajectoryBank.of(meta, self.config.device)
         tasks = list(meta.tasks.sort_values("task_index").index)
-        natural = natural_dims(meta)
+        layouts = task_layouts(meta)
         for task in tasks:
-            dims = natural[task]
+            dims = layouts[task].sizes
             known = self.config.task_dims.get(task, dims)
             if list(known) != dims:
                 raise ValueError(
@@ -287,8 +294,8 @@ class GCDTPolicy(PreTrainedPolicy):
         return tasks
 
     def _draw(self, index: Tensor, length: int, count: int | None = None) -> Sequences:
-        """Draws relabelled pieces for training, by the frames of a batch."""
-        pieces = self._bank.draw_pieces(index, length, count)
+        """Draws relabelled pieces for training, by the number of the step and the frames of a batch."""
+        pieces = self._bank.draw_pieces(index, length, self.training_step, count)
         return self._bank.sequences(pieces, self._bank.draw_cuts(pieces, self.config.hindsight_ratio))
 
     def _auxiliary_losses(self, sequences: Sequences) -> dict[str, tuple[float, Tensor]]:
@@ -300,7 +307,7 @@ class GCDTPolicy(PreTrainedPolicy):
         if config.time_to_goal_weight:
             losses["time_to_goal_loss"] = config.time_to_goal_weight, time_to_goal_loss(self, sequences)
         if config.reconstruction_weight:
-            hidden = draw_hidden(sequences, config.hidden_ratio)
+            hidden = draw_hidden(sequences, self.training_step, config.hidden_ratio)
             losses["reconstruction_loss"] = (
                 config.reconstruction_weight,
                 reconstruction_loss(self, sequences, hidden),
@@ -335,6 +342,11 @@ class GCDTPolicy(PreTrainedPolicy):
             allowed &= step[:, None] - step[None, :] < context_length
         mask = torch.zeros(r, 1, s * kinds, s * kinds, device=segment.device, dtype=self._compute_dtype())
         return mask.masked_fill(~allowed[:, None], float("-inf"))
+
+    def _training_precision(self):
+        device = self.training_step.device.type
+        chosen = {"auto": faster_precision, "bfloat16": lambda _: torch.bfloat16, "float32": lambda _: torch.float32}
+        return torch.autocast(device, torch.bfloat16, enabled=chosen[self.config.dtype](device) == torch.bfloat16)
 
     def _full_precision(self):
         # Corrections near a goal are small beside the observations; only the transformer may work in bfloat16.

@@ -5,11 +5,12 @@ the causal order of those that stay, or by hiding them. Targets are standardised
 """
 
 import torch
-from torch import Tensor
+from torch import Tensor, distributed
 
-from lerobot_gcdt.draws import uniform
+from lerobot_gcdt.draws import combine, uniform
+from lerobot_gcdt.keys import ACTION, GOAL, STATE, TIME_TO_GOAL
 from lerobot_gcdt.tokens import ORDER
-from lerobot_gcdt.trajectories import ACTION, GOAL, STATE, TIME_TO_GOAL, Sequences
+from lerobot_gcdt.trajectories import Sequences
 
 _HIDE = 100
 """Random numbers from here on decide what is hidden; smaller ones are the trajectory bank's."""
@@ -91,6 +92,24 @@ def reconstruction_loss(policy, sequences: Sequences, wanted: Tensor) -> Tensor:
     return torch.stack(losses).mean()
 
 
+def mean_over_processes(errors: Tensor) -> Tensor:
+    """Averages errors so that the mean over all processes is the mean over the errors of all of them.
+
+    A plain mean would give the steps of a process with short trajectories more weight than those of the others.
+
+    Args:
+        errors: Shape (N,).
+
+    Returns:
+        A scalar: the sum over the average number of errors of a process, 1 at least.
+    """
+    counted = torch.tensor(float(len(errors)), device=errors.device)
+    if distributed.is_available() and distributed.is_initialized():
+        distributed.all_reduce(counted)
+        counted /= distributed.get_world_size()
+    return errors.sum() / counted.clamp(min=1.0)
+
+
 def mean_of_each(errors: Tensor, source: Tensor, count: int) -> Tensor:
     """Averages the errors of steps over the frames of the batch that they came from.
 
@@ -106,21 +125,23 @@ def mean_of_each(errors: Tensor, source: Tensor, count: int) -> Tensor:
     return total / torch.bincount(source, minlength=count)
 
 
-def draw_hidden(sequences: Sequences, ratio: float) -> Tensor:
+def draw_hidden(sequences: Sequences, step: Tensor | int, ratio: float) -> Tensor:
     """Draws items to hide.
 
     A goal is the same at every step of a trajectory and is therefore hidden in all of it or nowhere.
 
     Args:
         sequences: Packed trajectories.
+        step: Number of the optimiser step, so that the same trajectories hide others in every epoch.
         ratio: Share of the items to hide.
 
     Returns:
         Booleans of shape (R, S, 4), in the order of the tokens.
     """
     kinds = torch.arange(len(ORDER), device=sequences.key.device)
-    wanted = uniform(sequences.key[..., None], sequences.timestep[..., None], _HIDE + kinds) < ratio
-    wanted[:, :, ORDER.index(GOAL)] = uniform(sequences.key, _HIDE) < ratio
+    key = combine(step, sequences.key)
+    wanted = uniform(key[..., None], sequences.timestep[..., None], _HIDE + kinds) < ratio
+    wanted[:, :, ORDER.index(GOAL)] = uniform(key, _HIDE) < ratio
     return wanted & sequences.real[..., None]
 
 
@@ -139,12 +160,11 @@ def withheld(wanted: Tensor, relative_goal: bool) -> Tensor:
 
 def _mean_error(policy, sequences, key, hidden, where, head) -> Tensor:
     """Mean squared error of one kind of item over some steps; ``head`` maps modules and hidden states to items."""
-    total, count = hidden.new_zeros(()), 0
+    errors = [hidden.new_zeros(0)]
     for task, (rows, columns) in sequences.by_task.items():
         chosen = where[rows, columns]
         steps = rows[chosen], columns[chosen]
         modules = policy.modules_of(task)
         target = modules.target(key, {k: value[steps] for k, value in sequences.items.items()})
-        total = total + (head(modules, hidden[steps]) - target).square().mean(-1).sum()
-        count = count + len(steps[0])
-    return total / max(count, 1)
+        errors.append((head(modules, hidden[steps]) - target).square().mean(-1))
+    return mean_over_processes(torch.cat(errors))

@@ -1,11 +1,13 @@
 """Task-specific tokenizers and heads (Fu et al. 2024, section III-A)."""
 
+import hashlib
 import re
+from collections.abc import Iterable
 
 import torch
 from torch import Tensor, nn
 
-from lerobot_gcdt.trajectories import ACHIEVED_GOAL, ACTION, GOAL, STATE, TIME_TO_GOAL
+from lerobot_gcdt.keys import ACHIEVED_GOAL, ACTION, GOAL, STATE, TIME_TO_GOAL
 
 ORDER = (TIME_TO_GOAL, GOAL, STATE, ACTION)
 """Order of the four tokens of a step."""
@@ -108,9 +110,23 @@ class TaskModules(nn.Module):
         return torch.cat([goal, goal - achieved], dim=-1)
 
 
-def module_key(sentence: str) -> str:
-    """Turns a task sentence into a name that a module may have."""
-    return re.sub(r"[^a-z0-9]+", "_", sentence.lower()).strip("_")
+def module_names(sentences: Iterable[str]) -> dict[str, str]:
+    """Gives each task sentence the name of its modules.
+
+    Args:
+        sentences: The sentences of a policy, in the order in which it came to know them.
+
+    Returns:
+        Names by sentence: its words, or with a hash where these are none, have a meaning in PyTorch, or belong to an
+        earlier sentence that differs in punctuation or case.
+    """
+    names: dict[str, str] = {}
+    for sentence in sentences:
+        name = re.sub(r"[^a-z0-9]+", "_", sentence.lower()).strip("_")
+        if not name or hasattr(nn.ModuleDict(), name) or name in names.values():
+            name = f"{name}_{hashlib.sha256(sentence.encode()).hexdigest()[:8]}".lstrip("_")
+        names[sentence] = name
+    return names
 
 
 def _name(key: str) -> str:

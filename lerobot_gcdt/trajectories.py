@@ -4,7 +4,7 @@ LeRobot's loader decodes a window of 50 steps for 64 samples in more than a seco
 millisecond. The policy therefore asks the loader for single frames and looks the rest up here by their ``index``.
 """
 
-import gc
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -13,18 +13,12 @@ import numpy as np
 import pyarrow.parquet as pq
 import torch
 from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
-from lerobot.datasets.lerobot_dataset import LeRobotDataset
-from lerobot.datasets.streaming_dataset import StreamingLeRobotDataset
 from torch import Tensor
 
 from lerobot_gcdt.draws import combine, uniform
-
-STATE = "observation.state"
-GOAL = "observation.goal"
-ACHIEVED_GOAL = "observation.achieved_goal"
-TIME_TO_GOAL = "observation.time_to_goal"
-ACTION = "action"
-REQUIRED_KEYS = (STATE, GOAL, ACHIEVED_GOAL, TIME_TO_GOAL, ACTION)
+from lerobot_gcdt.keys import ACHIEVED_GOAL, ACTION, GOAL, REQUIRED_KEYS, STATE, TIME_TO_GOAL
+from lerobot_gcdt.opened_episodes import opened_episodes
+from lerobot_gcdt.task_layouts import task_layouts
 
 # What a random number is for; others are in objectives.py.
 _TASK, _FRAME, _RELABEL, _CUT = range(4)
@@ -129,33 +123,30 @@ class TrajectoryBank:
         root: Folder of the dataset; its ``data/`` parquet files are read once.
         device: Where the tensors live.
         training_episodes: Episodes that ``draw_pieces`` chooses from, None for all.
+        goal_in_state: Where the observations of a task repeat its desired goal, by the task's index.
 
     Raises:
-        FileNotFoundError: There are no data files, as with ``--dataset.streaming=true``.
-        KeyError: The dataset lacks one of ``REQUIRED_KEYS``.
+        FileNotFoundError: There are no data files.
+        ValueError: Frames are missing or out of order.
     """
 
     def __init__(
-        self, root: str | Path, device: str | torch.device = "cpu", training_episodes: list[int] | None = None
+        self,
+        root: str | Path,
+        device: str | torch.device = "cpu",
+        training_episodes: list[int] | None = None,
+        goal_in_state: Mapping[int, list[int]] | None = None,
     ):
         files = sorted(Path(root).glob("data/*/*.parquet"))
         if not files:
-            raise FileNotFoundError(
-                f"No data files under {Path(root) / 'data'}: GCDT reads whole trajectories into memory, which a "
-                "streamed dataset does not have. Train with --dataset.streaming=false."
-            )
-        missing = [key for key in REQUIRED_KEYS if key not in pq.read_schema(files[0]).names]
-        if missing:
-            raise KeyError(
-                f"The dataset in {root} lacks {', '.join(missing)}; GCDT needs {', '.join(REQUIRED_KEYS)}. "
-                "Record one with `gcdt record`."
-            )
-        columns = (*REQUIRED_KEYS, "episode_index", "frame_index", "task_index")
+            raise FileNotFoundError(f"There are no data files under {Path(root) / 'data'}; download the whole dataset.")
+        columns = (*REQUIRED_KEYS, "index", "episode_index", "frame_index", "task_index")
         tables = [pq.read_table(file, columns=list(columns)) for file in files]
         column = {
             name: torch.from_numpy(np.concatenate([to_array(table[name]) for table in tables])).to(device)
             for name in columns
         }
+        _check_complete(column, Path(root))
         self.items: dict[str, Tensor] = {key: _two_dimensional(column[key]).float() for key in REQUIRED_KEYS}
         self.timestep: Tensor = column["frame_index"]
         self.episode: Tensor = column["episode_index"]
@@ -172,6 +163,9 @@ class TrajectoryBank:
         order = torch.nonzero(training).flatten()
         self._training_frames = order[self.task[order].argsort(stable=True)]  # task after task
         self._frames_of_task = self.task[order].unique(return_counts=True)[1]
+        self._goal_in_state = {
+            i: torch.tensor(places, device=device) for i, places in (goal_in_state or {}).items() if places
+        }
 
     @classmethod
     def of(cls, meta: LeRobotDatasetMetadata, device: str | torch.device) -> "TrajectoryBank":
@@ -182,26 +176,48 @@ class TrajectoryBank:
             device: Where the tensors live.
 
         Raises:
-            ValueError: The dataset is streamed.
-            FileNotFoundError, KeyError: See the class.
+            ValueError: Frames are missing, or it cannot be known which episodes or numbers are whose
+                (``lerobot_gcdt.opened_episodes``, ``lerobot_gcdt.task_layouts``).
+            FileNotFoundError: There are no data files.
+            KeyError: The dataset lacks one of ``REQUIRED_KEYS``.
         """
-        # Nothing that LeRobot hands to a policy says how the dataset is loaded; the dataset itself holds its metadata.
-        owners = gc.get_referrers(meta)
-        if any(isinstance(owner, StreamingLeRobotDataset) for owner in owners):
-            raise ValueError(
-                "Whole trajectories are read into memory, so a streamed dataset cannot be trained on; pass "
-                "--dataset.streaming=false."
+        missing = [key for key in REQUIRED_KEYS if key not in meta.features]
+        if missing:
+            raise KeyError(
+                f"The dataset in {meta.root} lacks {', '.join(missing)}; GCDT needs {', '.join(REQUIRED_KEYS)}. "
+                "Record one with `gcdt record`."
             )
-        episodes = next((owner.episodes for owner in owners if isinstance(owner, LeRobotDataset)), None)
-        return cls(meta.root, device, episodes)
+        layouts = task_layouts(meta)
+        goal_in_state = {int(meta.tasks.task_index[task]): layout.goal_in_state for task, layout in layouts.items()}
+        bank = cls(meta.root, device, opened_episodes(meta), goal_in_state)
+        if len(bank) != meta.total_frames:
+            raise ValueError(
+                f"{meta.root} holds {len(bank)} of the {meta.total_frames} frames of {meta.repo_id}; download the "
+                "whole dataset again."
+            )
+        return bank
 
     def __len__(self) -> int:
         return len(self.timestep)
 
+    def to(self, device: str | torch.device) -> "TrajectoryBank":
+        """Moves the tensors to a device, if they are not there already; returns the bank."""
+        if self.timestep.device != torch.device(device):
+            for name, value in vars(self).items():
+                if isinstance(value, Tensor):
+                    setattr(self, name, value.to(device))
+                else:
+                    value.update({key: tensor.to(device) for key, tensor in value.items()})
+        return self
+
+    def training_starts(self, task: int) -> Tensor:
+        """Returns the first frames of the episodes of one task that are trained on."""
+        frames = self._training_frames
+        return frames[(self.timestep[frames] == 0) & (self.task[frames] == task)]
+
     def expected_steps(self, task: int) -> float:
-        """Returns the mean time-to-goal at the start of the episodes of one task, steps."""
-        starts = (self.timestep == 0) & (self.task == task)
-        return float(self.items[TIME_TO_GOAL][starts].mean())
+        """Returns the mean time-to-goal at the start of the training episodes of one task, steps."""
+        return float(self.items[TIME_TO_GOAL][self.training_starts(task)].mean())
 
     def pieces(self, index: Tensor, length: int) -> Pieces:
         """Cuts the episodes of frames into pieces of some length; the last piece of each may be shorter.
@@ -213,30 +229,29 @@ class TrajectoryBank:
         Returns:
             All pieces of the episode of each frame.
         """
-        counts = (self.last[index] - self.first[index]) // length + 1
-        source = torch.repeat_interleave(torch.arange(len(index), device=index.device), counts)
-        number = torch.arange(len(source), device=index.device) - (counts.cumsum(0) - counts)[source]
+        source, number = self._numbered(index, length)
         return self._pieces(self.first[index][source] + number * length, length, source, combine(index[source], number))
 
-    def draw_pieces(self, index: Tensor, length: int, count: int | None = None) -> Pieces:
+    def draw_pieces(self, index: Tensor, length: int, step: Tensor | int, count: int | None = None) -> Pieces:
         """Draws pieces for training: of each task alike, however large its share of the dataset, and of any episode.
 
-        What is drawn follows from the frames of the batch, one by one (``lerobot_gcdt.draws``).
+        What is drawn follows from the optimiser step and the frames of the batch, one by one (``lerobot_gcdt.draws``).
 
         Args:
             index: Frames, shape (B,).
             length: Steps of a piece.
+            step: Number of the optimiser step, so that the same frames draw anew in every epoch.
             count: Pieces for each frame; None for as many as its episode has.
 
         Returns:
             The pieces.
         """
         if count is None:
-            asked = self.pieces(index, length)
-            source, key = asked.source, asked.key
+            source, number = self._numbered(index, length)
         else:
             source = torch.arange(len(index), device=index.device).repeat_interleave(count)
-            key = combine(index[source], torch.arange(count, device=index.device).repeat(len(index)))
+            number = torch.arange(count, device=index.device).repeat(len(index))
+        key = combine(step, index[source], number)
         sizes = self._frames_of_task
         task = (uniform(key, _TASK) * len(sizes)).long()
         place = (uniform(key, _FRAME) * sizes[task]).long()
@@ -264,9 +279,9 @@ class TrajectoryBank:
     def sequences(self, pieces: Pieces, cuts: Tensor | None = None) -> Sequences:
         """Relabels pieces of episodes and packs them into rows.
 
-        A relabelled piece ends before its cut and has the cut's achieved goal as the goal of *every* step;
-        time-to-goal counts down to the cut. (The action at the cut leaves the goal and is no part of the way there.)
-        Other pieces keep their goal.
+        A relabelled piece ends before its cut and has the cut's achieved goal as the goal of *every* step, also where
+        its observations repeat the goal; time-to-goal counts down to the cut. (The action at the cut leaves the goal
+        and is no part of the way there.) Other pieces keep their goal.
 
         Args:
             pieces: The pieces.
@@ -285,9 +300,17 @@ class TrajectoryBank:
         hindsight = (cut > first[segment])[..., None]
         items[GOAL] = torch.where(hindsight, self.items[ACHIEVED_GOAL][cut], items[GOAL])
         items[TIME_TO_GOAL] = torch.where(hindsight, (cut - frames)[..., None], items[TIME_TO_GOAL])
-        return Sequences(
-            items, self.timestep[frames], segment, pieces.source[segment], pieces.key[segment], self.task[frames]
-        )
+        task = self.task[frames]
+        for i, places in self._goal_in_state.items():
+            rows, columns = torch.nonzero(hindsight[..., 0] & (task == i), as_tuple=True)
+            items[STATE][rows[:, None], columns[:, None], places] = items[GOAL][rows, columns, : len(places)]
+        return Sequences(items, self.timestep[frames], segment, pieces.source[segment], pieces.key[segment], task)
+
+    def _numbered(self, index: Tensor, length: int) -> tuple[Tensor, Tensor]:
+        """Numbers the pieces of the episode of each frame: frame and number, from 0, of each piece."""
+        counts = (self.last[index] - self.first[index]) // length + 1
+        source = torch.repeat_interleave(torch.arange(len(index), device=index.device), counts)
+        return source, torch.arange(len(source), device=index.device) - (counts.cumsum(0) - counts)[source]
 
     def _pieces(self, first: Tensor, length: int, source: Tensor, key: Tensor) -> Pieces:
         return Pieces(first, torch.minimum(first + length - 1, self.last[first]), source, key)
@@ -333,6 +356,20 @@ def _pack(lengths: list[int], device: torch.device) -> tuple[Tensor, Tensor]:
             offset[r, start : start + lengths[i]] = np.arange(lengths[i])
             start += lengths[i]
     return torch.from_numpy(segment).to(device), torch.from_numpy(offset).to(device)
+
+
+def _check_complete(column: dict[str, Tensor], root: Path) -> None:
+    """Raises if the frames are not all there, in order and in whole episodes: they are looked up by their place."""
+    index, step, episode = (column[name] for name in ("index", "frame_index", "episode_index"))
+    place = torch.arange(len(index), device=index.device)
+    starts = torch.cat([episode.new_ones(1), episode.diff()]) != 0
+    expected = place - torch.where(starts, place, 0).cummax(0).values
+    if not (torch.equal(index, place) and torch.equal(step, expected)):
+        wrong = int(torch.nonzero((index != place) | (step != expected))[0])
+        raise ValueError(
+            f"The frames in {root / 'data'} are incomplete or out of order: row {wrong} is frame {int(index[wrong])} "
+            f"of the dataset and {int(step[wrong])} of episode {int(episode[wrong])}. Download the whole dataset again."
+        )
 
 
 def to_array(column) -> np.ndarray:

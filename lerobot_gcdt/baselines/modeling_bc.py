@@ -7,10 +7,11 @@ from lerobot.policies.pretrained import PreTrainedPolicy
 from torch import Tensor, nn
 
 from lerobot_gcdt.baselines.configuration_bc import BCConfig
-from lerobot_gcdt.merging import natural_dims
+from lerobot_gcdt.keys import ACHIEVED_GOAL, ACTION, GOAL, STATE
 from lerobot_gcdt.objectives import mean_of_each
+from lerobot_gcdt.task_layouts import task_layouts
 from lerobot_gcdt.tokens import SMALLEST_STD
-from lerobot_gcdt.trajectories import ACHIEVED_GOAL, ACTION, GOAL, STATE, TrajectoryBank
+from lerobot_gcdt.trajectories import TrajectoryBank
 
 
 class BCPolicy(PreTrainedPolicy):
@@ -35,23 +36,28 @@ class BCPolicy(PreTrainedPolicy):
             if len(dataset_meta.tasks) > 1:
                 raise ValueError(f"BC learns one task; {dataset_meta.repo_id} holds {len(dataset_meta.tasks)}.")
             self._bank = TrajectoryBank.of(dataset_meta, config.device)
-            config.task_dims = natural_dims(dataset_meta)
+            config.task_dims = {task: layout.sizes for task, layout in task_layouts(dataset_meta).items()}
         [(state, goal, action)] = config.task_dims.values()
         inputs = state + goal * (2 if config.relative_goal else 1)
         self.register_buffer("mean", torch.zeros(inputs))
         self.register_buffer("std", torch.ones(inputs))
+        self.register_buffer("training_step", torch.tensor(0))
+        """Batches that training has seen; what is drawn for a frame changes with it."""
         sizes = [inputs, *config.hidden_sizes]
         layers = [(nn.Linear(a, b), nn.ReLU()) for a, b in itertools.pairwise(sizes)]
         self.network = nn.Sequential(*itertools.chain(*layers), nn.Linear(sizes[-1], action), nn.Tanh())
         if self._bank is not None:
-            std, mean = torch.std_mean(self._inputs(self._bank.items), dim=0)
+            starts = self._bank.training_starts(0)
+            seen = self._bank.sequences(self._bank.pieces(starts, 1)).items
+            std, mean = torch.std_mean(self._inputs({key: value[:, 0] for key, value in seen.items()}), dim=0)
             self.mean.copy_(mean)
             self.std.copy_(std.clamp(min=SMALLEST_STD))
 
     def forward(self, batch: dict[str, Tensor], reduction: str = "mean") -> tuple[Tensor, dict[str, float]]:
         """Computes the mean squared error of the actions.
 
-        Every frame stands for its episode, as in ``GCDTPolicy.forward``.
+        In evaluation mode every frame stands for its episode. In training mode ``frames_per_sample`` frames are drawn
+        for it, from all episodes that are trained on and anew in each call.
 
         Args:
             batch: As LeRobot's loader gives it; of it only ``index``, shape (B,), is used.
@@ -65,10 +71,15 @@ class BCPolicy(PreTrainedPolicy):
         """
         if self._bank is None:
             raise RuntimeError("This policy was made for inference; to train it, pass dataset_meta to its constructor.")
-        index = batch["index"].to(self._bank.first.device)
-        pieces = self._bank.draw_pieces(index, 1) if self.training else self._bank.pieces(index, 1)
-        cuts = self._bank.draw_cuts(pieces, self.config.hindsight_ratio if self.training else 0.0)
-        items = {key: value[:, 0] for key, value in self._bank.sequences(pieces, cuts).items.items()}
+        index = batch["index"].to(self.mean.device)
+        bank, config = self._bank.to(index.device), self.config
+        if self.training:
+            pieces = bank.draw_pieces(index, 1, self.training_step, config.frames_per_sample)
+            self.training_step += 1
+        else:
+            pieces = bank.pieces(index, 1)
+        cuts = bank.draw_cuts(pieces, config.hindsight_ratio if self.training else 0.0)
+        items = {key: value[:, 0] for key, value in bank.sequences(pieces, cuts).items.items()}
         errors = (self._act(items) - items[ACTION]).square().mean(-1)
         if reduction == "none":
             return mean_of_each(errors, pieces.source, len(index)), {}

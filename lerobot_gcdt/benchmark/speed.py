@@ -14,9 +14,10 @@ from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
 from lerobot_gcdt import GCDTConfig, GCDTPolicy
+from lerobot_gcdt.keys import ACHIEVED_GOAL, GOAL, REQUIRED_KEYS, STATE
+from lerobot_gcdt.precision import faster_precision
 from lerobot_gcdt.recording import record
 from lerobot_gcdt.tokens import ORDER
-from lerobot_gcdt.trajectories import ACHIEVED_GOAL, GOAL, REQUIRED_KEYS, STATE
 
 BATCH, WINDOW = 8, 50
 """Episodes of a training step; steps of context in the comparison with LeRobot's loader."""
@@ -57,11 +58,10 @@ def measure(root: Path, device: str, context_length: int) -> list[str]:
     r, s = sequences.segment.shape
     mask = policy._attention_mask(sequences, kinds, context_length, causal=True)
 
-    def step(loss: Callable[[], torch.Tensor]):
+    def step(loss: Callable[[], torch.Tensor], dtype: str = "auto"):
         def run():
-            with torch.autocast(device, torch.bfloat16, enabled=config.dtype == "bfloat16"):
-                value = loss()
-            value.backward()
+            config.dtype = dtype
+            loss().backward()
             optimizer.step()
             optimizer.zero_grad(set_to_none=False)
 
@@ -69,24 +69,33 @@ def measure(root: Path, device: str, context_length: int) -> list[str]:
 
     def bare():
         tokens = torch.randn(r, s * kinds, config.width, device=device)
-        return policy.transformer(tokens, mask.to(policy._compute_dtype())).square().mean()
+        with policy._training_precision():
+            return policy.transformer(tokens, mask.to(policy._compute_dtype())).square().mean()
+
+    def whole():
+        return policy.forward({"index": index})[0]
 
     windows = _windows(root, meta, device)
     times = _alternate(
         {
-            "step": step(lambda: policy.forward({"index": index})[0]),
+            "step": step(whole),
             "bare": step(bare),
             "data": lambda: policy._draw(index.to(device), context_length),
             "windows": step(lambda: policy.forward(next(windows))[0]),
         },
         device,
     )
+    precisions = _alternate({dtype: step(whole, dtype) for dtype in ("float32", "bfloat16")}, device, rounds=3)
+    chosen = str(faster_precision(device)).removeprefix("torch.")
     first, last = _inference(policy.eval(), device)
     real = sequences.real.float().mean().item()
     return [
         f"training step of {BATCH} episodes ({int(sequences.real.sum())} steps): {1e3 * times['step']:.0f} ms",
+        f"training step in bfloat16 / in float32: {precisions['bfloat16'] / precisions['float32']:.2f} "
+        f"({1e3 * precisions['bfloat16']:.0f} ms / {1e3 * precisions['float32']:.0f} ms); "
+        f"policy.dtype=auto chooses {chosen}",
         f"training step / transformer alone on the same tokens: {times['step'] / times['bare']:.2f}",
-        f"data and relabelling / training step: {times['data'] / times['step']:.3f}",
+        f"data and relabelling / training step: {times['data'] / times['step']:.4f}",
         f"real tokens / computed tokens: {real:.2f}",
         f"training step with LeRobot's windows of {WINDOW} steps / with the bank: "
         f"{times['windows'] / times['step']:.1f}",

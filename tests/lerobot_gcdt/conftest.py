@@ -20,9 +20,9 @@ from lerobot.datasets.lerobot_dataset import LeRobotDataset
 from lerobot.scripts import lerobot_eval, lerobot_train
 
 from lerobot_gcdt import GCDTConfig
+from lerobot_gcdt.keys import REQUIRED_KEYS
 from lerobot_gcdt.merging import merge
 from lerobot_gcdt.recording import record
-from lerobot_gcdt.trajectories import REQUIRED_KEYS
 
 EPISODES = 4
 
@@ -91,7 +91,7 @@ def needle_pick_windows(needle_pick_root):
 def tiny_config():
     """A model of 2 layers and 32 numbers a token that sees its whole past, on the CPU; each test gets its own."""
     sizes = {"layers": 2, "width": 32, "heads": 2, "inner_width": 64, "context_length": 100}
-    return GCDTConfig(**sizes, device="cpu", push_to_hub=False)
+    return GCDTConfig(**sizes, device="cpu", dtype="float32", push_to_hub=False)
 
 
 @pytest.fixture

@@ -10,9 +10,11 @@ from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
 from lerobot_gcdt.features import Extras
-from lerobot_gcdt.merging import KEPT, PADDED_SIZES, merge, natural_dims
+from lerobot_gcdt.keys import ACTION, STATE
+from lerobot_gcdt.merging import KEPT, PADDED_SIZES, merge
 from lerobot_gcdt.recording import RECORDING_FILE, record
-from lerobot_gcdt.trajectories import ACTION, STATE, to_array
+from lerobot_gcdt.task_layouts import TaskLayout, task_layouts
+from lerobot_gcdt.trajectories import to_array
 
 PICK = "Pick up the needle and bring its middle to the goal."
 REACH = "Move the closed jaw tips to the point above the needle."
@@ -26,14 +28,6 @@ def columns(root):
 def test_vectors_have_the_size_of_the_largest_task(uneven_meta):
     for key, size in PADDED_SIZES.items():
         assert uneven_meta.features[key]["shape"] == (size,)
-
-
-def test_the_metadata_knows_the_natural_sizes(uneven_meta):
-    assert natural_dims(uneven_meta) == {PICK: [19, 3, 5], REACH: [7, 3, 5]}
-
-
-def test_a_dataset_of_one_task_has_natural_sizes(needle_pick_meta):
-    assert natural_dims(needle_pick_meta) == {PICK: [19, 3, 5]}
 
 
 def test_the_metadata_keeps_what_it_takes_to_replay_every_episode(uneven_root, needle_pick_root):
@@ -151,4 +145,4 @@ def test_an_existing_folder_is_not_overwritten(needle_pick_root, uneven_root, ne
 def test_metadata_without_a_note_counts_its_own_sizes(needle_reach_meta, tmp_path):
     meta = LeRobotDatasetMetadata("local/needle_reach", root=needle_reach_meta.root)
     meta.root = tmp_path
-    assert natural_dims(meta) == {REACH: [7, 3, 5]}
+    assert task_layouts(meta) == {REACH: TaskLayout([7, 3, 5])}

@@ -7,9 +7,9 @@ import torch
 from lerobot.datasets.lerobot_dataset import LeRobotDatasetMetadata
 from safetensors.torch import load_file, save_file
 
-from lerobot_gcdt import GCDTConfig, GCDTPolicy
+from lerobot_gcdt import GCDTConfig, GCDTPolicy, modeling_gcdt
+from lerobot_gcdt.keys import ACHIEVED_GOAL, ACTION, GOAL, STATE, TIME_TO_GOAL
 from lerobot_gcdt.tokens import SMALLEST_STD
-from lerobot_gcdt.trajectories import ACHIEVED_GOAL, ACTION, GOAL, STATE, TIME_TO_GOAL
 
 PICK = "Pick up the needle and bring its middle to the goal."
 REACH = "Move the closed jaw tips to the point above the needle."
@@ -230,6 +230,20 @@ def test_an_optimiser_step_lowers_the_loss(policy):
     assert log["action_loss"] == pytest.approx(after.item())
 
 
+@pytest.mark.parametrize(
+    "dtype, chosen", [("float32", None), ("bfloat16", None), ("auto", "bfloat16"), ("auto", "float32")]
+)
+def test_only_the_transformer_trains_in_the_chosen_precision(policy, monkeypatch, dtype, chosen):
+    policy.config.dtype = dtype
+    monkeypatch.setattr(modeling_gcdt, "faster_precision", lambda device: getattr(torch, chosen))
+    seen = []
+    layer = policy.transformer.blocks[0].mlp[0]
+    layer.register_forward_hook(lambda _, __, output: seen.append(output.dtype))
+    policy.modules_of(PICK).action_head.register_forward_hook(lambda _, __, output: seen.append(output.dtype))
+    policy.forward({"index": torch.tensor([0])})
+    assert seen == [getattr(torch, chosen or dtype), torch.float32]
+
+
 def test_hindsight_happens_in_training_mode_only(policy):
     batch = {"index": torch.arange(10, 50)}
     policy.eval()
@@ -363,10 +377,46 @@ def test_each_auxiliary_objective_can_be_left_out(pretraining, name):
     assert len(log) == 3 and f"{name}_loss" not in log
 
 
-def test_what_is_drawn_for_a_batch_follows_from_its_frames(pretraining):
+def test_what_is_drawn_for_a_batch_follows_from_its_frames_and_the_step(pretraining):
+    def logged(index, step):
+        pretraining.training_step.fill_(step)
+        return pretraining.forward({"index": index})[1]
+
+    index = torch.arange(0, 250, 30)
+    assert logged(index, 3) == logged(index, 3)
+    assert logged(index, 3) != logged(index, 4)
+    assert logged(index, 3) != logged(index + 1, 3)
+
+
+def test_every_training_step_counts_and_the_count_is_saved(pretraining, tmp_path):
     batch = {"index": torch.arange(0, 250, 30)}
-    assert pretraining.forward(batch)[1] == pretraining.forward(batch)[1]
-    assert pretraining.forward({"index": batch["index"] + 1})[1] != pretraining.forward(batch)[1]
+    for expected in (1, 2):
+        pretraining.forward(batch)
+        assert pretraining.training_step == expected
+    pretraining.eval().forward(batch)
+    pretraining.save_pretrained(tmp_path)
+    assert GCDTPolicy.from_pretrained(tmp_path).training_step == 2
+
+
+def test_a_checkpoint_from_before_steps_were_counted_loads(pretraining, tmp_path):
+    pretraining.save_pretrained(tmp_path)
+    weights = load_file(tmp_path / "model.safetensors")
+    del weights["training_step"]
+    save_file(weights, tmp_path / "model.safetensors")
+    assert GCDTPolicy.from_pretrained(tmp_path).training_step == 0
+
+
+def test_everything_that_training_needs_moves_with_the_policy(pretraining):
+    pretraining.to("meta")
+    assert pretraining.action_sizes.is_meta
+    bank = copy.copy(pretraining._bank).to("meta")
+    assert bank.timestep.is_meta and all(value.is_meta for value in bank.items.values())
+
+
+def test_tasks_whose_sentences_differ_in_punctuation_share_no_weights(tiny_config):
+    tiny_config.task_dims = {PICK: [19, 3, 5], PICK.replace(".", "!"): [19, 3, 5]}
+    policy = GCDTPolicy(tiny_config)
+    assert policy.modules_of(0) is not policy.modules_of(1)
 
 
 def test_every_task_and_the_shared_weights_learn_from_one_batch(pretraining):

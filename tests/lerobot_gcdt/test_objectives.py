@@ -17,7 +17,7 @@ LOSSES = {
     "time_to_goal": objectives.time_to_goal_loss,
     "action": lambda policy, sequences: objectives.action_errors(policy, sequences).mean(),
     "reconstruction": lambda policy, sequences: objectives.reconstruction_loss(
-        policy, sequences, objectives.draw_hidden(sequences, 0.3)
+        policy, sequences, objectives.draw_hidden(sequences, 0, 0.3)
     ),
 }
 
@@ -117,7 +117,7 @@ def test_a_hidden_item_is_reconstructed_without_itself(policy, sequences, key, t
 
 def test_reconstruction_hides_items_of_every_kind_and_goals_as_a_whole(policy):
     sequences = policy._bank.sequences(policy._bank.pieces(torch.arange(0, 200, 50), 10))
-    hidden = objectives.draw_hidden(sequences, 0.3)
+    hidden = objectives.draw_hidden(sequences, 0, 0.3)
     share = hidden.float().mean((0, 1))
     assert ((share > 0.1) & (share < 0.6)).all()
     for piece in sequences.segment.unique():

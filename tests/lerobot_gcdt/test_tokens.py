@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from lerobot_gcdt.tokens import ORDER, SMALLEST_STD, ItemTokenizer, TaskModules, module_key
+from lerobot_gcdt.tokens import ORDER, SMALLEST_STD, ItemTokenizer, TaskModules, module_names
 from lerobot_gcdt.trajectories import ACHIEVED_GOAL, ACTION, GOAL, STATE, TIME_TO_GOAL
 
 
@@ -71,4 +71,15 @@ def test_a_target_is_the_standardised_item_alone(key):
 
 
 def test_sentences_become_module_names():
-    assert module_key("Pick up the needle, twice.") == "pick_up_the_needle_twice"
+    assert module_names(["Pick up the needle, twice."]) == {"Pick up the needle, twice.": "pick_up_the_needle_twice"}
+
+
+def test_sentences_that_differ_in_punctuation_have_modules_of_their_own():
+    names = module_names(["Pick it up.", "Pick it up!", "pick it up"])
+    assert names["Pick it up."] == "pick_it_up" and len(set(names.values())) == 3
+
+
+@pytest.mark.parametrize("sentence", ["缝合伤口。", "Pop.", "..."])
+def test_any_sentence_becomes_a_name_that_a_module_may_have(sentence):
+    [name] = module_names([sentence]).values()
+    torch.nn.ModuleDict({name: torch.nn.Identity()})

@@ -1,12 +1,16 @@
 """The trajectory bank: the dataset in memory, LeRobot's windows, hindsight relabelling, packing."""
 
+import shutil
+
 import gymnasium as gym
 import pyarrow.parquet as pq
 import pytest
 import torch
+from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
-from lerobot_gcdt.trajectories import ACHIEVED_GOAL, ACTION, GOAL, STATE, TIME_TO_GOAL, Sequences, TrajectoryBank
+from lerobot_gcdt.keys import ACHIEVED_GOAL, ACTION, GOAL, STATE, TIME_TO_GOAL
+from lerobot_gcdt.trajectories import Sequences, TrajectoryBank
 
 
 @pytest.fixture(scope="module")
@@ -124,7 +128,7 @@ def test_every_frame_of_a_demonstration_once_gives_the_papers_mix(bank):
 def test_drawn_pieces_are_spread_evenly_over_tasks_of_different_sizes(uneven_root):
     bank = TrajectoryBank(uneven_root)
     assert torch.bincount(bank.task).tolist() == [200, 50]
-    pieces = bank.draw_pieces(torch.arange(250), 1)
+    pieces = bank.draw_pieces(torch.arange(250), 1, 0)
     assert len(pieces.first) == 250 * 50
     counts = torch.bincount(pieces.first, minlength=250).float()
     assert counts[:200].sum().item() == pytest.approx(6250, rel=0.05)
@@ -133,14 +137,14 @@ def test_drawn_pieces_are_spread_evenly_over_tasks_of_different_sizes(uneven_roo
 
 def test_drawn_pieces_come_from_the_training_episodes_only(uneven_root):
     bank = TrajectoryBank(uneven_root, training_episodes=[0, 1, 4])
-    pieces = bank.draw_pieces(torch.tensor([*range(100), *range(200, 250)]), 1)
+    pieces = bank.draw_pieces(torch.tensor([*range(100), *range(200, 250)]), 1, 0)
     assert bank.episode[pieces.first].unique().tolist() == [0, 1, 4]
 
 
 @pytest.mark.parametrize("length", [1, 7, 50])
 def test_drawn_pieces_are_pieces_of_episodes_and_as_many_as_those_of_the_frames(bank, length):
     index = torch.tensor([3, 77, 199])
-    drawn = bank.draw_pieces(index, length)
+    drawn = bank.draw_pieces(index, length, 0)
     assert torch.equal(drawn.source, bank.pieces(index, length).source)
     every = bank.pieces(torch.arange(0, 200, 50), length)
     known = set(zip(every.first.tolist(), every.last.tolist(), strict=True))
@@ -148,11 +152,11 @@ def test_drawn_pieces_are_pieces_of_episodes_and_as_many_as_those_of_the_frames(
 
 
 def test_a_number_of_pieces_for_each_frame_can_be_asked_for(bank):
-    assert bank.draw_pieces(torch.tensor([3, 77]), 20, count=2).source.tolist() == [0, 0, 1, 1]
+    assert bank.draw_pieces(torch.tensor([3, 77]), 20, 0, count=2).source.tolist() == [0, 0, 1, 1]
 
 
-def test_what_is_drawn_for_a_frame_follows_from_it_alone(bank):
-    together, alone = bank.draw_pieces(torch.tensor([3, 77]), 7), bank.draw_pieces(torch.tensor([77]), 7)
+def test_what_is_drawn_for_a_frame_follows_from_it_and_the_step_alone(bank):
+    together, alone = bank.draw_pieces(torch.tensor([3, 77]), 7, 5), bank.draw_pieces(torch.tensor([77]), 7, 5)
     own = together.source == 1
     assert torch.equal(together.first[own], alone.first)
     assert torch.equal(bank.draw_cuts(together, 0.5)[own], bank.draw_cuts(alone, 0.5))
@@ -209,20 +213,56 @@ def test_most_computed_steps_are_real(bank):
     assert bank.sequences(pieces, cuts).real.float().mean() > 0.8
 
 
-def test_expected_steps_are_the_mean_steps_to_the_first_success(bank):
+def test_expected_steps_are_the_mean_steps_to_the_first_success_of_the_training_episodes(bank, needle_pick_root):
     starts = bank.items[TIME_TO_GOAL][bank.timestep == 0]
     assert bank.expected_steps(0) == pytest.approx(float(starts.mean()))
+    assert TrajectoryBank(needle_pick_root, training_episodes=[2]).expected_steps(0) == starts[2]
     assert 30 < bank.expected_steps(0) < 45
 
 
-def test_a_folder_without_data_files_is_named_as_streaming(tmp_path):
-    with pytest.raises(FileNotFoundError, match="streaming=false"):
+def test_the_same_frames_draw_other_pieces_and_cuts_in_every_step(bank):
+    index = torch.arange(0, 200, 10)
+    pieces = [bank.draw_pieces(index, 7, step) for step in range(40)]
+    drawn = {tuple(zip(p.first.tolist(), bank.draw_cuts(p, 0.5).tolist(), strict=True)) for p in pieces}
+    assert len(drawn) == 40
+
+
+def test_every_pair_of_a_frame_and_a_cut_occurs_at_last(bank):
+    drawn = set()
+    for step in range(200):
+        pieces = bank.draw_pieces(torch.arange(0, 200, 4), 1, step)
+        drawn |= set(zip(pieces.first.tolist(), bank.draw_cuts(pieces, 1.0).tolist(), strict=True))
+    assert len(drawn) > 0.99 * 4 * sum(range(1, 51))
+
+
+def test_relabelling_changes_the_goal_that_an_observation_repeats(needle_pick_root):
+    bank = TrajectoryBank(needle_pick_root, goal_in_state={0: [7, 8, 9]})
+    cut = torch.tensor([30])
+    relabelled, original = (bank.sequences(bank.pieces(cut, 50), cuts) for cuts in (cut, None))
+    assert torch.equal(relabelled.items[STATE][..., 7:10], relabelled.items[GOAL])
+    assert torch.equal(relabelled.items[STATE][..., 10:], original.items[STATE][:, :30, 10:])
+    assert torch.equal(original.items[STATE][0], bank.items[STATE][:50])
+
+
+def test_a_folder_without_data_files_is_named(tmp_path):
+    with pytest.raises(FileNotFoundError, match="data files"):
         TrajectoryBank(tmp_path)
 
 
-def test_missing_keys_are_named(needle_pick_root, tmp_path):
-    table = pq.read_table(next(needle_pick_root.glob("data/*/*.parquet"))).drop_columns([GOAL])
-    (tmp_path / "data" / "chunk-000").mkdir(parents=True)
-    pq.write_table(table, tmp_path / "data" / "chunk-000" / "file-000.parquet")
-    with pytest.raises(KeyError, match=GOAL):
+@pytest.mark.parametrize(
+    "rows", [[*range(0, 60), *range(70, 200)], [1, 0, *range(2, 200)], range(50, 200)], ids=["gap", "order", "start"]
+)
+def test_frames_that_are_missing_or_out_of_order_are_named(needle_pick_root, tmp_path, rows):
+    (tmp_path / "data/chunk-000").mkdir(parents=True)
+    table = pq.read_table(next(needle_pick_root.glob("data/*/*.parquet")))
+    pq.write_table(table.take(list(rows)), tmp_path / "data/chunk-000/file-000.parquet")
+    with pytest.raises(ValueError, match="incomplete or out of order: row"):
         TrajectoryBank(tmp_path)
+
+
+def test_a_partial_download_is_refused(needle_pick_root, tmp_path):
+    root = shutil.copytree(needle_pick_root, tmp_path / "partial")
+    file = next(root.glob("data/*/*.parquet"))
+    pq.write_table(pq.read_table(file).slice(0, 100), file)
+    with pytest.raises(ValueError, match="100 of the 200 frames"):
+        TrajectoryBank.of(LeRobotDatasetMetadata("local/partial", root=root), "cpu")

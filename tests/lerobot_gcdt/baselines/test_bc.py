@@ -45,7 +45,13 @@ def test_training_lowers_the_loss(policy):
     assert log["action_loss"] < start / 4
 
 
+def test_training_draws_anew_in_every_call(policy):
+    batch = {"index": torch.arange(0, 200, 10)}
+    assert policy.forward(batch)[0] != policy.forward(batch)[0]
+
+
 def test_goals_are_relabelled_in_training_only(policy):
+    policy.config.hindsight_ratio = 1.0
     batch = {"index": torch.arange(0, 200, 10)}
     policy.eval()
     demonstrations = policy.forward(batch)[0]
@@ -80,6 +86,8 @@ def test_training_without_a_dataset_is_an_error(policy):
         BCPolicy(config).forward({"index": torch.tensor([0])})
 
 
-def test_a_bad_ratio_is_named():
-    with pytest.raises(ValueError, match="1.5"):
-        BCConfig(hindsight_ratio=1.5)
+@pytest.mark.parametrize("bad", [{"hindsight_ratio": 1.5}, {"frames_per_sample": 0}], ids=str)
+def test_a_bad_number_is_named(bad):
+    [(name, value)] = bad.items()
+    with pytest.raises(ValueError, match=f"{name}.*{value}"):
+        BCConfig(**bad)

@@ -5,6 +5,7 @@ import re
 import pytest
 
 from lerobot_gcdt.benchmark.speed import measure
+from lerobot_gcdt.precision import faster_precision
 
 
 @pytest.fixture(scope="module")
@@ -15,6 +16,7 @@ def lines(needle_pick_root):
 def test_every_figure_is_printed(lines):
     assert [re.sub(r"[\d.]+", "#", line.split(":")[0]) for line in lines] == [
         "training step of # episodes (# steps)",
+        "training step in bfloat# / in float#",
         "training step / transformer alone on the same tokens",
         "data and relabelling / training step",
         "real tokens / computed tokens",
@@ -24,5 +26,9 @@ def test_every_figure_is_printed(lines):
     assert all(float(number) > 0 for line in lines for number in re.findall(r": ([\d.]+)", line))
 
 
+def test_the_precision_that_auto_chooses_is_named(lines):
+    assert lines[1].endswith(f"policy.dtype=auto chooses {str(faster_precision('cpu')).removeprefix('torch.')}")
+
+
 def test_computed_tokens_are_mostly_real(lines):
-    assert 0.8 <= float(lines[3].split()[-1]) <= 1
+    assert 0.8 <= float(lines[4].split()[-1]) <= 1
