@@ -122,7 +122,9 @@ def record(
         if parts.exists() and not _are_ours(parts):
             raise ValueError(f"{parts} exists and was not written by `gcdt record`; choose another --root.")
         with alone_in(parts):
-            if not root.exists():  # another process may have finished it just now
+            if root.exists():  # another process has finished it just now
+                _check_same(wanted, root / RECORDING_FILE, root)
+            else:
                 _make(wanted, parts, root, on_episode)
             _remove_parts(parts)
     if not on_episode:
