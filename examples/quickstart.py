@@ -18,8 +18,8 @@ import pandas as pd
 from lerobot.scripts import lerobot_train
 from lerobot.utils.logging_utils import MetricsTracker
 
-from lerobot_gcdt import GCDTPolicy
 from lerobot_gcdt.evaluation import describe, evaluate
+from lerobot_gcdt.loading import load_policy
 from lerobot_gcdt.pictures import film, plot_goals, plot_training
 from lerobot_gcdt.recording import record
 from lerobot_gcdt.training import arguments_to_reach, checkpoint
@@ -39,7 +39,7 @@ def main():
 
     dataset = record(options.task, options.episodes, seed=0, root=options.output / "dataset")
     train(dataset, options.output / "training", options.output / "training.csv", options.steps)
-    policy = GCDTPolicy.from_pretrained(checkpoint(options.output / "training"))
+    policy = load_policy(checkpoint(options.output / "training"))
     seeds = range(FIRST_TEST_SEED, FIRST_TEST_SEED + options.starts)
 
     episodes_file = options.output / "episodes.parquet"

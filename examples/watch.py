@@ -8,7 +8,8 @@ import argparse
 from pathlib import Path
 
 import surrol_gym
-from lerobot_gcdt import GENERALIST, GCDTPolicy
+from lerobot_gcdt import GENERALIST
+from lerobot_gcdt.loading import load_policy
 from lerobot_gcdt.pictures import film
 
 
@@ -22,7 +23,7 @@ def main():
     options = parser.parse_args()
     output = options.output or Path("outputs/watch") / f"{options.task}.mp4"
     output.parent.mkdir(parents=True, exist_ok=True)
-    policy = GCDTPolicy.from_pretrained(options.policy)
+    policy = load_policy(options.policy)
     seeds = range(options.seed, options.seed + options.episodes)
     for seed, held in zip(seeds, film(policy, options.task, seeds, output), strict=True):
         print(f"{options.task}, seed {seed}: {'the goal is held at the end' if held else 'the goal is missed'}")

@@ -45,7 +45,8 @@ def record_all(
 
     Raises:
         ValueError: A number is out of range, a task lacks a camera, or a folder holds something else.
-        OSError: Files cannot be written; what is finished is kept.
+        OSError: Files cannot be written, or another process records there; what is finished is kept.
+        RuntimeError: An expert fails again and again; what is finished is kept.
     """
     workers = os.cpu_count() if workers is None else workers
     if workers < 1:
@@ -85,6 +86,8 @@ def _run(jobs: list[tuple], workers: int, bar: tqdm) -> None:
     finally:
         for process in running.values():
             process.terminate()
+        for process in running.values():
+            process.join()  # until then it keeps the command from being repeated
 
 
 def _hear(receiver: Connection, running: dict[Connection, multiprocessing.Process], bar: tqdm) -> None:

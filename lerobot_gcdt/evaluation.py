@@ -7,11 +7,14 @@ import gymnasium as gym
 import numpy as np
 import pandas as pd
 import torch
+from lerobot.configs.types import NormalizationMode
 from lerobot.envs.utils import preprocess_observation
+from lerobot.policies.pretrained import PreTrainedPolicy
+from lerobot.utils.constants import OBS_IMAGES
 from tqdm import tqdm
 
 import surrol_gym
-from lerobot_gcdt.surrol_env import SurRoLObservations
+from lerobot_gcdt.surrol_env import CameraPictures, SurRoLObservations
 
 WILSON_Z = 1.959964
 """Quantile of the normal distribution for 95 % intervals."""
@@ -21,7 +24,8 @@ def evaluate(policy, tasks: Iterable[str], seeds: Iterable[int], batch_size: int
     """Runs a policy from seeded starts, every episode to its time limit.
 
     Args:
-        policy: Anything with LeRobot's ``reset()`` and ``select_action(batch)``.
+        policy: As ``lerobot_gcdt.loading.load_policy`` returns it, or anything else with LeRobot's ``reset()`` and
+            ``select_action(batch)`` that takes observations and returns actions as they are, without normalisation.
         tasks: Names of tasks, of ``surrol_gym.TASKS``.
         seeds: Seed of the reset of each episode; the same for every task.
         batch_size: Episodes that run side by side. It has no influence on their outcome beyond rounding.
@@ -32,7 +36,8 @@ def evaluate(policy, tasks: Iterable[str], seeds: Iterable[int], batch_size: int
         su).
 
     Raises:
-        ValueError: A task is unknown, there are no seeds, or the batch size is not positive.
+        ValueError: A task is unknown, there are no seeds, the batch size is not positive, or the policy needs its
+            processors.
     """
     tasks, seeds = list(tasks), list(seeds)
     unknown = set(tasks) - set(surrol_gym.TASKS)
@@ -71,7 +76,7 @@ def rollout(
     """Runs one episode a seed, side by side, to the time limit.
 
     Args:
-        policy: Anything with LeRobot's ``reset()`` and ``select_action(batch)``.
+        policy: As ``evaluate`` takes it.
         task: Name of the task.
         seeds: Seed of the reset of each episode.
         watch: Called with the vector environment before the first step and after each.
@@ -79,9 +84,26 @@ def rollout(
 
     Returns:
         Success after each step, booleans (T, B), and the last observation, arrays (B, size).
+
+    Raises:
+        ValueError: The policy needs its processors.
     """
+    if isinstance(policy, PreTrainedPolicy) and _normalises(policy.config):
+        raise ValueError(
+            f"A bare {type(policy).__name__} takes and returns normalised numbers, so its actions would be wrong; "
+            "pass lerobot_gcdt.loading.load_policy(its checkpoint), which adds its processors."
+        )
     env_id = f"surrol/{task}-v0"
-    envs = gym.vector.SyncVectorEnv([lambda: gym.make(env_id, disable_env_checker=True, **options)] * len(seeds))
+    pictures = getattr(getattr(policy, "config", None), "image_features", {})
+
+    def make():
+        env = gym.make(env_id, disable_env_checker=True, **options)
+        if not pictures:
+            return env
+        [size] = {feature.shape[-1] for feature in pictures.values()}
+        return CameraPictures(env, [key.removeprefix(f"{OBS_IMAGES}.") for key in pictures], size)
+
+    envs = gym.vector.SyncVectorEnv([make] * len(seeds))
     try:
         sentence = envs.get_attr("task_description")[0]
         observation, _ = envs.reset(seed=seeds)
@@ -99,6 +121,11 @@ def rollout(
     finally:
         envs.close()
     return np.stack(success), observation
+
+
+def _normalises(config) -> bool:
+    """Whether a policy leaves normalisation to its processors."""
+    return any(mode is not NormalizationMode.IDENTITY for mode in config.normalization_mapping.values())
 
 
 def observation_batch(policy, observation: dict[str, np.ndarray], sentence: str) -> dict:

@@ -22,6 +22,7 @@ from tqdm import tqdm
 
 from lerobot_gcdt.features import DISTURBANCE, REWARD, SUCCESS, vector_feature
 from lerobot_gcdt.keys import ACHIEVED_GOAL, ACTION, GOAL, STATE, TIME_TO_GOAL
+from lerobot_gcdt.locking import alone_in
 from lerobot_gcdt.recording import RECORDING_FILE, sort_statistics
 from lerobot_gcdt.surrol_env import ENVIRONMENT_STATE
 from lerobot_gcdt.task_layouts import padded_names, table_of, task_layouts
@@ -50,6 +51,7 @@ def merge(roots: Sequence[str | Path], root: str | Path) -> Path:
         The folder.
 
     Raises:
+        OSError: Another process merges into the folder.
         ValueError: There are fewer than two datasets, one was not recorded by ``gcdt record``, or the folder exists.
     """
     roots, root = [Path(r) for r in roots], Path(root)
@@ -58,8 +60,6 @@ def merge(roots: Sequence[str | Path], root: str | Path) -> Path:
     for source in roots:
         if not (source / RECORDING_FILE).exists():
             raise ValueError(f"{source} is no dataset of `gcdt record`: {RECORDING_FILE} is missing there.")
-    if root.exists():
-        raise ValueError(f"{root} exists already; choose another folder or remove it.")
     metas = [LeRobotDatasetMetadata(f"local/{source.name}", root=source) for source in roots]
     lacked = sorted({key for meta in metas for key in COLUMNS if key not in meta.features})
     if lacked:
@@ -70,24 +70,27 @@ def merge(roots: Sequence[str | Path], root: str | Path) -> Path:
             print(f"Left out of {root}: {', '.join(left_out)} of {meta.root}.")
     features = _padded_features(metas)
     parts = root.with_name(root.name + ".merging")
-    datasets.disable_progress_bars()
-    copies = [
-        _padded_copy(meta, features, parts / source.name)
-        for source, meta in tqdm(zip(roots, metas, strict=True), total=len(roots), desc="Padding", unit="dataset")
-    ]
-    whole = parts / "merged"
-    shutil.rmtree(whole, ignore_errors=True)
-    merge_datasets(
-        [LeRobotDataset(f"local/{copy.name}", root=copy, video_backend="pyav") for copy in copies],
-        f"local/{root.name}",
-        whole,
-    )
-    sort_statistics(whole)
-    facts = {"merged_from": [json.loads((r / RECORDING_FILE).read_text()) for r in roots]}
-    (whole / RECORDING_FILE).write_text(json.dumps(facts, indent=2) + "\n")
-    root.parent.mkdir(parents=True, exist_ok=True)
-    os.replace(whole, root)
-    shutil.rmtree(parts)
+    with alone_in(parts):
+        if root.exists():
+            raise ValueError(f"{root} exists already; choose another folder or remove it.")
+        datasets.disable_progress_bars()
+        copies = [
+            _padded_copy(meta, features, parts / source.name)
+            for source, meta in tqdm(zip(roots, metas, strict=True), total=len(roots), desc="Padding", unit="dataset")
+        ]
+        whole = parts / "merged"
+        shutil.rmtree(whole, ignore_errors=True)
+        merge_datasets(
+            [LeRobotDataset(f"local/{copy.name}", root=copy, video_backend="pyav") for copy in copies],
+            f"local/{root.name}",
+            whole,
+        )
+        sort_statistics(whole)
+        facts = {"merged_from": [json.loads((r / RECORDING_FILE).read_text()) for r in roots]}
+        (whole / RECORDING_FILE).write_text(json.dumps(facts, indent=2) + "\n")
+        os.replace(whole, root)
+        for folder in parts.glob("*/"):
+            shutil.rmtree(folder)
     return root
 
 

@@ -4,14 +4,10 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import gymnasium as gym
-import matplotlib
-
-matplotlib.use("Agg")
-
-import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 from lerobot.utils.io_utils import write_video
+from matplotlib.figure import Figure  # without pyplot: the backend of a notebook or a script stays as it is
 from PIL import Image, ImageDraw
 from tqdm import tqdm
 
@@ -26,7 +22,7 @@ def film(policy, task: str, seeds: Iterable[int], path: str | Path, size: int = 
     """Films a policy, one episode after the other, at twice the speed of the simulation.
 
     Args:
-        policy: Anything with LeRobot's ``reset()`` and ``select_action(batch)``.
+        policy: As ``lerobot_gcdt.evaluation.evaluate`` takes it.
         task: Name of the task.
         seeds: Seed of the reset of each episode.
         path: The mp4 file to write.
@@ -87,7 +83,8 @@ def plot_training(curve: pd.DataFrame, path: str | Path) -> Path:
     Returns:
         The path.
     """
-    figure, axes = plt.subplots(figsize=(6, 3.6), layout="constrained")
+    figure = Figure(figsize=(6, 3.6), layout="constrained")
+    axes = figure.subplots()
     axes.semilogy(curve.step, curve.loss, color="#24557a", marker="." if len(curve) < 100 else None)
     axes.set(xlabel="optimiser step", ylabel="mean squared error of the action", title="Training")
     axes.grid(alpha=0.3, which="both")
@@ -107,7 +104,8 @@ def plot_goals(episodes: pd.DataFrame, path: str | Path) -> Path:
     achieved, desired = (np.stack(episodes[key].to_list()) for key in ("achieved_goal", "desired_goal"))
     distance = np.linalg.norm(achieved - desired, axis=-1)
     held = episodes.held.to_numpy()
-    figure, (above, ranked) = plt.subplots(1, 2, figsize=(9.5, 4.4), layout="constrained")
+    figure = Figure(figsize=(9.5, 4.4), layout="constrained")
+    above, ranked = figure.subplots(1, 2)
     for mask, color, label in ((held, REACHED, "held at the end"), (~held, MISSED, "not held")):
         for start, end in zip(desired[mask], achieved[mask], strict=True):
             above.plot([start[0], end[0]], [start[1], end[1]], color=color, linewidth=1)
@@ -136,5 +134,4 @@ def _caption(picture: np.ndarray, text: str, success: bool) -> np.ndarray:
 
 def _save(figure, path: str | Path) -> Path:
     figure.savefig(path, dpi=130)
-    plt.close(figure)
     return Path(path)

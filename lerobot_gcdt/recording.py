@@ -22,17 +22,25 @@ from tqdm import tqdm
 
 import surrol_gym
 from lerobot_gcdt.features import NO_EXTRAS, Extras, describe_columns, to_columns
+from lerobot_gcdt.locking import LOCK_FILE, alone_in
 from lerobot_gcdt.trajectories import TIME_TO_GOAL
 from surrol_gym.envs.psm_env import Mount
 
 RECORDING_FILE = "meta/surrol.json"
 """Beside LeRobot's metadata: what it takes to replay any episode, and how the expert did."""
 
-PARTS_NOTE = "recording.json"
-"""In the folder of finished episodes: the recording that they belong to."""
+PARTS_NOTE, UNFINISHED_NOTE = "recording.json", "recording.unfinished"
+"""In the folder of finished episodes: the recording that they belong to, and its name while it is written."""
 
 PUSH_RATE, PUSH_RATE_SLOW, SLOW_ACTION = 0.05, 0.12, 0.2
 """Probability of a push in a step of a disturbed episode, the same while the expert moves slowly, and what is slow."""
+
+PUSHES = 1
+"""Tells the random stream of an episode's pushes from that of its start, which the seed alone makes."""
+
+FAILURES_IN_A_ROW = 50
+"""Failed attempts after which a recording ends. Even an expert that succeeds in one of five attempts begins such a
+series but once in 70,000; a worse one is broken."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +94,9 @@ def record(
 
     Raises:
         ValueError: The task is unknown, a number is out of range, or the folder holds something else.
-        OSError: The disk is full, or something else keeps files from being written; what is finished is kept.
+        OSError: The disk is full, something else keeps files from being written, or another process records there;
+            what is finished is kept.
+        RuntimeError: The expert fails again and again; what is finished is kept.
     """
     if task not in surrol_gym.TASKS:
         raise ValueError(f"Unknown task {task!r}; choose one of {', '.join(surrol_gym.TASKS)}.")
@@ -100,25 +110,23 @@ def record(
     parts = root.with_name(root.name + ".recording")
     if root.exists():
         _check_same(wanted, root / RECORDING_FILE, root)
-        if (parts / PARTS_NOTE).exists() or (parts.is_dir() and not any(parts.iterdir())):
-            _remove_parts(parts)  # what an earlier call, interrupted at its very end, left
+        if parts.exists() and _are_ours(parts):
+            with alone_in(parts):
+                _remove_parts(parts)  # what an earlier call, interrupted at its very end, left
         if on_episode:
             for _ in range(episodes):
                 on_episode()
         else:
             print(f"{root} is complete already.")
     else:
-        _prepare_parts(wanted, parts)
-        env = gym.make(wanted.env_id)
-        try:
-            kept = _record_episodes(env, wanted, parts, on_episode)
-            _build_dataset(env, wanted, kept, parts, root, silent=on_episode is not None)
-        except OSError as error:
-            told = f"{error.strerror or error}; finished episodes are kept, repeat the command to go on"
-            raise OSError(error.errno, told, str(parts)) from error
-        finally:
-            env.close()
-        _remove_parts(parts)
+        if parts.exists() and not _are_ours(parts):
+            raise ValueError(f"{parts} exists and was not written by `gcdt record`; choose another --root.")
+        with alone_in(parts):
+            if root.exists():  # another process has finished it just now
+                _check_same(wanted, root / RECORDING_FILE, root)
+            else:
+                _make(wanted, parts, root, on_episode)
+            _remove_parts(parts)
     if not on_episode:
         print(summary(root))
     return root
@@ -154,7 +162,7 @@ def run_episode(env: gym.Env, seed: int, disturb: float = 0.0, extras: Extras = 
         ``action`` and ``disturbance``, and ``reward`` and ``success`` after it.
     """
     expert = surrol_gym.make_expert(env)
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng([seed, PUSHES])
     observation, _ = env.reset(seed=seed)
     frames, truncated = [], False
     while not truncated:
@@ -179,13 +187,27 @@ def _push(rng: np.random.Generator, action: np.ndarray, mounts: tuple[Mount, ...
     return push
 
 
+def _make(wanted: Recording, parts: Path, root: Path, on_episode: Callable[[], None] | None) -> None:
+    """Records what is missing among the finished episodes, and builds the dataset."""
+    _prepare_parts(wanted, parts)
+    env = gym.make(wanted.env_id)
+    try:
+        kept = _record_episodes(env, wanted, parts, on_episode)
+        _build_dataset(env, wanted, kept, parts, root, silent=on_episode is not None)
+    except OSError as error:
+        told = f"{error.strerror or error}; finished episodes are kept, repeat the command to go on"
+        raise OSError(error.errno, told, str(parts)) from error
+    finally:
+        env.close()
+
+
 def _record_episodes(env: gym.Env, wanted: Recording, parts: Path, on_episode: Callable[[], None] | None) -> list[Path]:
     """Records attempts until enough succeeded; returns the files of the successful ones, in order of their seeds."""
     kept: list[Path] = []
     name = f"Recording {env.unwrapped.task}"
     with tqdm(total=wanted.episodes, desc=name, unit="episode", disable=on_episode is not None) as bar:
         on_episode = on_episode or bar.update
-        attempt = 0
+        attempt = failures = 0
         while len(kept) < wanted.episodes:
             file = parts / f"{wanted.seed + attempt:09d}.npz"
             if not file.exists():
@@ -198,9 +220,16 @@ def _record_episodes(env: gym.Env, wanted: Recording, parts: Path, on_episode: C
                 if episode["success"].any():
                     kept.append(file)
                     on_episode()
+                    failures = 0
+                else:
+                    failures += 1
             attempt += 1
-            if attempt >= 20 and not kept:
-                raise RuntimeError(f"The expert failed in its first {attempt} attempts at {wanted.env_id}.")
+            if failures == FAILURES_IN_A_ROW:
+                raise RuntimeError(
+                    f"The expert of {wanted.env_id} failed {failures} times in a row, the last time with seed "
+                    f"{wanted.seed + attempt - 1}; the {len(kept)} successful episodes are kept in {parts}. "
+                    "Ask for fewer episodes, or start from another seed in another folder."
+                )
     return kept
 
 
@@ -246,26 +275,28 @@ def sort_statistics(root: Path) -> None:
 
 
 def _prepare_parts(wanted: Recording, parts: Path) -> None:
-    """Makes the folder of finished episodes, or checks that it belongs to the same recording."""
+    """Notes the recording in the folder of finished episodes, or checks that it belongs to the same one."""
     note = parts / PARTS_NOTE
-    unfinished = note.with_suffix(".unfinished")
-    if note.exists() or any(file != unfinished for file in parts.glob("*")):
+    if note.exists():
         _check_same(wanted, note, parts)
         return
-    parts.mkdir(parents=True, exist_ok=True)
-    unfinished.write_text(json.dumps(asdict(wanted)))
-    os.replace(unfinished, note)
+    (parts / UNFINISHED_NOTE).write_text(json.dumps(asdict(wanted)))
+    os.replace(parts / UNFINISHED_NOTE, note)
+
+
+def _are_ours(parts: Path) -> bool:
+    """Whether a folder of finished episodes was written by ``record``: even if that was killed at once."""
+    return (parts / PARTS_NOTE).exists() or {file.name for file in parts.iterdir()} <= {LOCK_FILE, UNFINISHED_NOTE}
 
 
 def _remove_parts(parts: Path) -> None:
-    """Removes the folder of finished episodes, the note that tells it from any other folder last."""
+    """Empties the folder of finished episodes, the note that tells it from any other folder last."""
     for file in parts.iterdir():
         if file.is_dir():
             shutil.rmtree(file)
-        elif file.name != PARTS_NOTE:
+        elif file.name not in (PARTS_NOTE, LOCK_FILE):
             file.unlink()
     (parts / PARTS_NOTE).unlink(missing_ok=True)
-    parts.rmdir()
 
 
 def _check_same(wanted: Recording, note: Path, folder: Path) -> None:

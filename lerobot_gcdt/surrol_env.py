@@ -13,6 +13,7 @@ from lerobot.processor.pipeline import ObservationProcessorStep, ProcessorStepRe
 from lerobot.utils.constants import OBS_IMAGES
 
 import surrol_gym
+from lerobot_gcdt.errors import OptionError
 from lerobot_gcdt.trajectories import ACHIEVED_GOAL, ACTION, GOAL, STATE
 from surrol_gym.envs.psm_env import PSMEnv
 
@@ -87,7 +88,7 @@ class SurRoLEnvConfig(EnvConfig):
         camera_size: Width and height of what they see, pixels.
 
     Raises:
-        ValueError: A task is not registered, or does not have one of ``cameras``.
+        OptionError: A task is not registered, or does not have one of ``cameras``.
     """
 
     task: str = "NeedlePick-v0"
@@ -104,12 +105,12 @@ class SurRoLEnvConfig(EnvConfig):
         known = [f"{task}-v0" for task in surrol_gym.TASKS]
         for task in self._tasks():
             if task not in known:
-                raise ValueError(f"env.task must be among {known} or a comma-separated list of them, got {task!r}.")
+                raise OptionError(f"env.task must be among {known} or a comma-separated list of them, got {task!r}.")
             has = sorted(env_class(f"surrol/{task}").cameras)
             if not set(self._cameras()) <= set(has):
-                raise ValueError(f"{task} has the cameras {', '.join(has)}; got env.cameras={self.cameras}.")
+                raise OptionError(f"{task} has the cameras {', '.join(has)}; got env.cameras={self.cameras}.")
         if self.camera_size < 1:
-            raise ValueError(f"env.camera_size must be positive, got {self.camera_size}.")
+            raise OptionError(f"env.camera_size must be positive, got {self.camera_size}.")
         env = env_class(self.gym_id)
         self.features = {
             ACTION: PolicyFeature(FeatureType.ACTION, (len(env.action_names),)),

@@ -2,8 +2,6 @@
 
 from gymnasium.envs.registration import register
 
-from surrol_gym.experts import make_expert
-
 _TIME_LIMITS = {
     "NeedleReach": 50,
     "GauzeRetrieve": 50,
@@ -25,3 +23,12 @@ __all__ = ["TASKS", "make_expert"]
 for _task, _limit in _TIME_LIMITS.items():
     _module = "".join(f"_{letter.lower()}" if letter.isupper() else letter for letter in _task).strip("_")
     register(f"surrol/{_task}-v0", f"surrol_gym.tasks.{_module}:{_task}Env", max_episode_steps=_limit)
+
+
+def __getattr__(name):
+    # PyBullet takes time to load and prints a line; whoever only asks for the names of the tasks is spared both.
+    if name == "make_expert":
+        from surrol_gym.experts import make_expert
+
+        return make_expert
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

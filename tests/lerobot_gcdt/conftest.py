@@ -4,8 +4,10 @@ The datasets are made once a session. Tests read them and must not write into th
 """
 
 import logging
+import multiprocessing
 import os
 import sys
+import time
 
 # Nothing here needs the Hub; a test that would ask it fails at once instead of waiting for the network.
 os.environ.setdefault("HF_HUB_OFFLINE", "1")
@@ -21,6 +23,7 @@ from lerobot.scripts import lerobot_eval, lerobot_train
 
 from lerobot_gcdt import GCDTConfig
 from lerobot_gcdt.keys import REQUIRED_KEYS
+from lerobot_gcdt.locking import alone_in
 from lerobot_gcdt.merging import merge
 from lerobot_gcdt.recording import record
 
@@ -94,31 +97,61 @@ def tiny_config():
     return GCDTConfig(**sizes, device="cpu", dtype="float32", push_to_hub=False)
 
 
-@pytest.fixture
-def command(monkeypatch):
+@pytest.fixture(scope="session")
+def command():
     """Runs the entry point of a command with arguments, and tidies up what it leaves behind in the process."""
-    root_logger = logging.getLogger()
-    handlers, level = root_logger.handlers[:], root_logger.level
 
     def run(main, *arguments):
-        monkeypatch.setattr(sys, "argv", [main.__module__, *map(str, arguments)])
-        main()
+        root_logger = logging.getLogger()
+        handlers, level = root_logger.handlers[:], root_logger.level
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(sys, "argv", [main.__module__, *map(str, arguments)])
+            try:
+                main()
+            finally:
+                parser._config_path_args.clear()
+                parser._config_yaml_overrides.clear()
+                AcceleratorState._reset_state(reset_partial_state=True)
+                root_logger.handlers[:] = handlers
+                root_logger.setLevel(level)
 
-    yield run
-    parser._config_path_args.clear()
-    parser._config_yaml_overrides.clear()
-    AcceleratorState._reset_state(reset_partial_state=True)
-    root_logger.handlers[:] = handlers
-    root_logger.setLevel(level)
+    return run
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def train(command):
     """Runs ``lerobot-train`` in this process."""
     return lambda *arguments: command(lerobot_train.main, *arguments)
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def evaluate(command):
     """Runs ``lerobot-eval`` in this process."""
     return lambda *arguments: command(lerobot_eval.main, *arguments)
+
+
+@pytest.fixture
+def at_work():
+    """Lets another process be at work in a folder; returns the process."""
+    if not hasattr(os, "fork"):
+        pytest.skip("forks the other process")
+    fork = multiprocessing.get_context("fork")
+    processes = []
+
+    def start(folder):
+        begun = fork.Event()
+        processes.append(fork.Process(target=_stay_in, args=(folder, begun), daemon=True))
+        processes[-1].start()
+        assert begun.wait(60)
+        return processes[-1]
+
+    yield start
+    for process in processes:
+        process.kill()
+        process.join()
+
+
+def _stay_in(folder, begun):
+    with alone_in(folder):
+        begun.set()
+        time.sleep(600)

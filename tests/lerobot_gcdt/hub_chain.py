@@ -16,7 +16,8 @@ from lerobot.datasets.lerobot_dataset import LeRobotDataset
 from lerobot.scripts import lerobot_eval, lerobot_train
 from safetensors.torch import load_file
 
-from lerobot_gcdt import GCDTPolicy, cli
+import gcdt_cli as cli
+from lerobot_gcdt import GCDTPolicy
 from lerobot_gcdt.training import checkpoint
 
 DATASET, POLICY, FRAMES = "me/needle_reach", "me/gcdt_reach", 200

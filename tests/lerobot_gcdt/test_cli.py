@@ -1,14 +1,16 @@
 """The console command ``gcdt``: helpful when asked, brief when wrong."""
 
+import json
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
-from lerobot_gcdt import cli
-from lerobot_gcdt.features import Extras
+import gcdt_cli as cli
+from lerobot_gcdt.features import FIELDS, Extras
 
 GCDT = Path(sys.executable).parent / "gcdt"
 
@@ -28,7 +30,7 @@ def test_help_shows_an_example(arguments, capsys):
 
 def test_the_example_in_the_help_is_a_valid_command(capsys, monkeypatch):
     calls = []
-    monkeypatch.setattr("lerobot_gcdt.cli.record_dataset", lambda *arguments, **options: calls.append(arguments))
+    monkeypatch.setattr("lerobot_gcdt.recording.record", lambda *arguments, **options: calls.append(arguments))
     example = " ".join(help_of(["record"], capsys).split()).split("example: gcdt ")[1]
     cli.main(example.split(";")[0].split())
     assert calls
@@ -36,7 +38,7 @@ def test_the_example_in_the_help_is_a_valid_command(capsys, monkeypatch):
 
 def test_all_published_datasets_are_recorded_with_their_settings(capsys, monkeypatch):
     calls = []
-    monkeypatch.setattr("lerobot_gcdt.cli.record_all", lambda *arguments: calls.append(arguments) or [])
+    monkeypatch.setattr("lerobot_gcdt.collection.record_all", lambda *arguments: calls.append(arguments) or [])
     example = " ".join(help_of(["record"], capsys).split()).split("published datasets: gcdt ")[1]
     cli.main(example.split())
     assert calls == [("datasets", 100, 0, 0.3, Extras(), None)]
@@ -44,7 +46,7 @@ def test_all_published_datasets_are_recorded_with_their_settings(capsys, monkeyp
 
 def test_a_single_task_is_recorded_without_pushes_unless_they_are_asked_for(monkeypatch):
     calls = []
-    monkeypatch.setattr("lerobot_gcdt.cli.record_dataset", lambda *arguments: calls.append(arguments))
+    monkeypatch.setattr("lerobot_gcdt.recording.record", lambda *arguments: calls.append(arguments))
     command = ["record", "--task", "NeedlePick", "--root", "x"]
     cli.main(command)
     cli.main([*command, "--disturb", "0.5"])
@@ -53,7 +55,7 @@ def test_a_single_task_is_recorded_without_pushes_unless_they_are_asked_for(monk
 
 def test_fields_and_cameras_are_lists(monkeypatch):
     calls = []
-    monkeypatch.setattr("lerobot_gcdt.cli.record_dataset", lambda *arguments: calls.append(arguments))
+    monkeypatch.setattr("lerobot_gcdt.recording.record", lambda *arguments: calls.append(arguments))
     command = ["record", "--task", "NeedlePick", "--root", "x", "--fields", "openh"]
     cli.main([*command, "--cameras", "overview, closeup", "--camera_size", "64"])
     assert calls[0][-1] == Extras(["openh"], ["overview", "closeup"], 64)
@@ -70,11 +72,44 @@ def test_an_unknown_task_ends_with_one_line_and_no_traceback(tmp_path):
     command = [GCDT, "record", "--task", "NeedleThread", "--root", tmp_path / "x"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120)
     assert done.returncode != 0
-    # PyBullet tells everybody when it was built, as soon as it is imported.
-    lines = [line for line in done.stderr.splitlines() if line and not line.startswith("pybullet build time")]
-    assert len(lines) == 1
-    assert "NeedleThread" in lines[0] and "NeedlePick" in lines[0]
+    [line] = done.stderr.splitlines()
+    assert "NeedleThread" in line and "NeedlePick" in line
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        *(["--help"], ["record", "--help"]),
+        ["record", "--task", "NeedleReach", "--root", "x", "--episodes", "many"],
+        ["record", "--task", "NeedleThread", "--root", "x"],
+    ],
+    ids=["help", "help of a command", "no number", "unknown task"],
+)
+def test_help_and_mistakes_are_answered_without_slow_imports(arguments):
+    program = f"""
+import json, sys
+from gcdt_cli import main
+try:
+    main({arguments})
+except SystemExit:
+    print(json.dumps(list(sys.modules)))
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=120)
+    loaded = {name.partition(".")[0] for name in json.loads(done.stdout.splitlines()[-1])}
+    assert not loaded & {"torch", "lerobot", "lerobot_gcdt", "pybullet", "pandas", "matplotlib", "datasets"}
+
+
+def test_the_help_names_all_fields(capsys):
+    assert f"there is: {', '.join(FIELDS)} " in " ".join(help_of(["record"], capsys).split())
+
+
+def test_an_expert_that_fails_ends_with_one_line(tmp_path, monkeypatch):
+    failed = {"success": np.zeros(1, dtype=bool)}
+    monkeypatch.setattr("lerobot_gcdt.recording.run_episode", lambda *arguments: failed)
+    with pytest.raises(SystemExit) as end:
+        cli.main(["record", "--task", "NeedleReach", "--root", str(tmp_path / "reach")])
+    assert "times in a row" in end.value.code and "\n" not in end.value.code
 
 
 @pytest.mark.parametrize(

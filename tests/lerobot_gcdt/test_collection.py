@@ -5,8 +5,9 @@ import json
 import pytest
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
+import gcdt_cli as cli
 import surrol_gym
-from lerobot_gcdt import cli, collection
+from lerobot_gcdt import collection
 from lerobot_gcdt.features import Extras
 from lerobot_gcdt.manifest import differing_episodes
 from lerobot_gcdt.recording import record
@@ -131,6 +132,13 @@ def test_an_error_of_a_worker_ends_the_command_with_its_message(two_tasks, tmp_p
     with pytest.raises(ValueError, match="surrol_needle_regrasp.recording exists and was not written by"):
         collection.record_all(tmp_path, episodes=1, workers=2)
     assert (tmp_path / "surrol_needle_regrasp.recording/thesis.txt").read_text() == "ten years of work"
+
+
+def test_a_second_command_in_the_same_folder_is_refused(two_tasks, tmp_path, at_work):
+    at_work(tmp_path / "surrol_needle_regrasp.recording")
+    with pytest.raises(OSError, match="another `gcdt` command is at work in .*surrol_needle_regrasp.recording"):
+        collection.record_all(tmp_path, episodes=1, workers=2)
+    assert not (tmp_path / "surrol_cross_task").exists()
 
 
 # The command.

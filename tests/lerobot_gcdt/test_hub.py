@@ -19,7 +19,8 @@ from lerobot.configs.train import TrainPipelineConfig
 from lerobot.policies import make_policy
 from PIL import Image
 
-from lerobot_gcdt import cli, make_gcdt_pre_post_processors
+import gcdt_cli as cli
+from lerobot_gcdt import make_gcdt_pre_post_processors
 from lerobot_gcdt.checks import CHECKPOINT_FILES, DATASET_FILES
 
 DATA_FILE = "data/chunk-000/file-000.parquet"
@@ -233,7 +234,7 @@ def test_a_dry_run_shows_what_would_be_sent_and_asks_nobody(hub, dataset, monkey
 
 def test_the_help_shows_a_valid_example(capsys, monkeypatch):
     calls = []
-    monkeypatch.setattr("lerobot_gcdt.cli.publish", lambda *arguments: calls.append(arguments))
+    monkeypatch.setattr("lerobot_gcdt.hub.publish", lambda *arguments: calls.append(arguments))
     with pytest.raises(SystemExit):
         cli.main(["publish", "--help"])
     cli.main(" ".join(capsys.readouterr().out.split()).split("example: gcdt ")[1].split())

@@ -3,14 +3,19 @@
 import json
 from pathlib import Path
 
+import gymnasium as gym
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+import torch
 from lerobot.configs.policies import PreTrainedConfig
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
-from lerobot.scripts import lerobot_dataset_viz, lerobot_edit_dataset
+from lerobot.policies.factory import get_policy_class, make_pre_post_processors
+from lerobot.scripts import lerobot_dataset_viz, lerobot_edit_dataset, lerobot_eval
 
+from lerobot_gcdt import SurRoLEnvConfig, evaluation
 from lerobot_gcdt.features import Extras
+from lerobot_gcdt.loading import load_policy
 from lerobot_gcdt.recording import record
 
 ON_CPU = ["--policy.device=cpu", "--policy.push_to_hub=false"]
@@ -56,16 +61,31 @@ def root(request):
 # Policies.
 
 
-@pytest.mark.parametrize("policy", SMALL)
-def test_lerobots_own_policies_train_on_a_dataset_and_are_evaluated(policy, disturbed_root, tmp_path, train, evaluate):
-    if policy == "diffusion":
+@pytest.fixture(scope="module", params=SMALL)
+def model(request, disturbed_root, tmp_path_factory, train):
+    """Folder of a checkpoint of each of LeRobot's own policies, of two steps."""
+    if request.param == "diffusion":
         pytest.importorskip("diffusers", reason="comes with lerobot[diffusion]")
+    output = tmp_path_factory.mktemp(request.param) / "training"
     train(
-        *(f"--policy.type={policy}", *(f"--policy.{option}" for option in SMALL[policy]), *ON_CPU),
-        *(*dataset(disturbed_root), "--batch_size=4", "--num_workers=0"),
-        *("--steps=2", f"--output_dir={tmp_path / 'training'}"),
+        *(f"--policy.type={request.param}", *(f"--policy.{option}" for option in SMALL[request.param]), *ON_CPU),
+        *(*dataset(disturbed_root), "--batch_size=4", "--num_workers=0", "--steps=2", f"--output_dir={output}"),
     )
-    model = tmp_path / "training" / "checkpoints" / "last" / "pretrained_model"
+    return output / "checkpoints" / "last" / "pretrained_model"
+
+
+@pytest.fixture(scope="module")
+def model_of_pictures(rich_root, tmp_path_factory, train):
+    """Folder of a checkpoint of ACT that looks at two cameras, of one step."""
+    output = tmp_path_factory.mktemp("pictures") / "training"
+    train(
+        *("--policy.type=act", *(f"--policy.{option}" for option in SMALL["act"]), *ON_CPU, *dataset(rich_root)),
+        *("--dataset.video_backend=pyav", "--batch_size=2", "--num_workers=0", "--steps=1", f"--output_dir={output}"),
+    )
+    return output / "checkpoints" / "last" / "pretrained_model"
+
+
+def test_lerobots_own_policies_train_on_a_dataset_and_are_evaluated(model, tmp_path, evaluate):
     config = PreTrainedConfig.from_pretrained(model)
     assert {"observation.state", "observation.environment_state"} <= set(config.input_features)
     assert set(config.output_features) == {"action"}
@@ -79,18 +99,54 @@ def test_lerobots_own_policies_train_on_a_dataset_and_are_evaluated(policy, dist
     assert overall["pc_success"] in (0, 100)
 
 
-def test_lerobots_own_policies_train_on_films_and_are_evaluated_on_pictures(rich_root, tmp_path, train, evaluate):
-    train(
-        *("--policy.type=act", *(f"--policy.{option}" for option in SMALL["act"]), *ON_CPU, *dataset(rich_root)),
-        *("--dataset.video_backend=pyav", "--batch_size=2", "--num_workers=0", "--steps=1"),
-        f"--output_dir={tmp_path / 'training'}",
-    )
-    model = tmp_path / "training" / "checkpoints" / "last" / "pretrained_model"
+def bare(model: Path):
+    """A policy without its processors."""
+    config = PreTrainedConfig.from_pretrained(model)
+    return get_policy_class(config.type).from_pretrained(model, config=config)
+
+
+def lerobots_actions(model: Path, seeds: list[int], **pictures) -> np.ndarray:
+    """The actions of LeRobot's own rollout, shape (T, B, A)."""
+    policy, config = bare(model), SurRoLEnvConfig(task="NeedlePick-v0", **pictures)
+    envs = config.create_envs(len(seeds))["NeedlePick-v0"][0]
+    processors = make_pre_post_processors(policy.config, pretrained_path=str(model))
+    torch.manual_seed(0)
+    episodes = lerobot_eval.rollout(envs, policy, *config.get_env_processors(), *processors, seeds=seeds)
+    envs.close()
+    return episodes["action"].numpy().swapaxes(0, 1)
+
+
+def our_actions(model: Path, seeds: list[int], monkeypatch) -> np.ndarray:
+    """The actions that our own evaluation executes, shape (T, B, A)."""
+    step, actions = gym.vector.SyncVectorEnv.step, []
+    monkeypatch.setattr(gym.vector.SyncVectorEnv, "step", lambda envs, a: (actions.append(a), step(envs, a))[1])
+    policy = load_policy(model)
+    torch.manual_seed(0)
+    evaluation.evaluate(policy, ["NeedlePick"], seeds)
+    return np.stack(actions)
+
+
+def test_our_evaluation_executes_the_actions_of_lerobots(model, monkeypatch):
+    theirs = lerobots_actions(model, [7, 8])
+    np.testing.assert_array_equal(our_actions(model, [7, 8], monkeypatch), theirs)
+
+
+def test_a_policy_without_its_processors_is_refused_with_the_way_out(model):
+    with pytest.raises(ValueError, match=r"(ACT|Diffusion)Policy .*load_policy"):
+        evaluation.evaluate(bare(model), ["NeedlePick"], [7])
+
+
+def test_our_evaluation_shows_policies_the_pictures_that_lerobots_does(model_of_pictures, monkeypatch):
+    theirs = lerobots_actions(model_of_pictures, [7], cameras="overview,closeup", camera_size=64)
+    np.testing.assert_array_equal(our_actions(model_of_pictures, [7], monkeypatch), theirs)
+
+
+def test_lerobots_own_policies_train_on_films_and_are_evaluated_on_pictures(model_of_pictures, tmp_path, evaluate):
     assert {"observation.images.overview", "observation.images.closeup"} <= set(
-        PreTrainedConfig.from_pretrained(model).input_features
+        PreTrainedConfig.from_pretrained(model_of_pictures).input_features
     )
     evaluate(
-        *(f"--policy.path={model}", "--policy.device=cpu", "--env.type=surrol", "--env.task=NeedlePick-v0"),
+        *(f"--policy.path={model_of_pictures}", "--policy.device=cpu", "--env.type=surrol", "--env.task=NeedlePick-v0"),
         *("--env.cameras=overview,closeup", "--env.camera_size=64", "--eval.n_episodes=1", "--eval.batch_size=1"),
         *("--eval.use_async_envs=false", f"--output_dir={tmp_path / 'evaluation'}"),
     )

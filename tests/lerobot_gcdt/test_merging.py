@@ -142,6 +142,13 @@ def test_an_existing_folder_is_not_overwritten(needle_pick_root, uneven_root, ne
         merge([needle_pick_root, needle_reach_root], uneven_root)
 
 
+def test_a_second_merge_into_the_same_folder_is_refused(needle_pick_root, needle_reach_root, tmp_path, at_work):
+    at_work(tmp_path / "merged.merging")
+    with pytest.raises(OSError, match="another `gcdt` command is at work in .*merged.merging"):
+        merge([needle_pick_root, needle_reach_root], tmp_path / "merged")
+    assert not (tmp_path / "merged").exists()
+
+
 def test_metadata_without_a_note_counts_its_own_sizes(needle_reach_meta, tmp_path):
     meta = LeRobotDatasetMetadata("local/needle_reach", root=needle_reach_meta.root)
     meta.root = tmp_path

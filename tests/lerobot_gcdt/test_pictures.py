@@ -1,10 +1,15 @@
 """Films show every step of every episode, and say when the goal is reached."""
 
+import importlib
+
 import av
+import matplotlib
 import numpy as np
+import pandas as pd
 import pytest
 import torch
 
+from lerobot_gcdt import pictures
 from lerobot_gcdt.pictures import film
 
 
@@ -40,3 +45,11 @@ def test_a_film_shows_every_step_and_whether_the_goal_is_held(policy, held, tmp_
     bar = seen[:, -8:, -40:].mean((1, 2))  # red, green, blue
     is_green = bar[:, 1] > bar[:, 0] + 50
     assert not is_green[0] and is_green[50] == held
+
+
+def test_the_backend_of_a_notebook_stays_as_it_is(tmp_path, monkeypatch):
+    monkeypatch.setitem(matplotlib.rcParams, "backend", "svg")
+    importlib.reload(pictures)
+    curve = pd.DataFrame({"step": [1, 2], "loss": [0.2, 0.1]})
+    assert pictures.plot_training(curve, tmp_path / "curve.png").read_bytes().startswith(b"\x89PNG")
+    assert matplotlib.get_backend() == "svg"

@@ -93,12 +93,32 @@ def test_failed_attempts_are_left_out(tmp_path, monkeypatch):
     np.testing.assert_array_equal(episodes(root)[1]["action"], replay(root, 2)["action"])
 
 
-def test_an_expert_that_never_succeeds_is_an_error_and_leaves_no_dataset(tmp_path, monkeypatch):
-    failed = {"success": np.zeros(1, dtype=bool)}
-    monkeypatch.setattr(recording, "run_episode", lambda *arguments: failed)
-    with pytest.raises(RuntimeError, match="NeedleReach"):
-        recording.record("NeedleReach", 1, 0, tmp_path / "reach")
+@pytest.mark.parametrize("successes", [0, 2])
+def test_an_expert_that_fails_again_and_again_is_an_error_that_keeps_what_is_finished(tmp_path, monkeypatch, successes):
+    ran = []
+
+    def fails_after_successes(env, seed, *options):
+        ran.append(seed)
+        assert len(ran) < 200, "it never ends"
+        return {"success": np.array([seed < successes])}
+
+    monkeypatch.setattr(recording, "run_episode", fails_after_successes)
+    for _ in range(2):  # the second time, no attempt is repeated
+        with pytest.raises(RuntimeError, match=f"NeedleReach.* 50 times in a row.* the {successes} successful"):
+            recording.record("NeedleReach", 3, 0, tmp_path / "reach")
+        assert ran == list(range(successes + 50))
     assert not (tmp_path / "reach").exists()
+    assert len(list((tmp_path / "reach.recording").glob("*.npz"))) == len(ran)
+
+
+def test_failures_that_are_not_in_a_row_are_no_error(tmp_path, monkeypatch):
+    run_episode = recording.run_episode
+
+    def succeeds_every_thirtieth_time(env, seed, *options):
+        return run_episode(env, seed, *options) if seed % 30 == 29 else {"success": np.array([False])}
+
+    monkeypatch.setattr(recording, "run_episode", succeeds_every_thirtieth_time)
+    assert facts(recording.record("NeedleReach", 2, 0, tmp_path / "reach"))["seeds"] == [29, 59]
 
 
 def test_the_summary_tells_success_rate_and_steps(tmp_path, monkeypatch, capsys):
@@ -272,6 +292,16 @@ def test_a_disturbed_episode_repeats_from_its_seed(disturbed):
         np.testing.assert_array_equal(again[key], values)
 
 
+def test_whether_the_first_step_is_pushed_does_not_follow_from_the_start():
+    env = gym.make("surrol/GauzeRetrieve-v0", max_episode_steps=1)
+    starts = [recording.run_episode(env, seed, 0.3) for seed in range(200)]
+    env.close()
+    pushed = np.array([start["disturbance"].any() for start in starts])
+    gauze_x = np.array([start["achieved_goal"][0, 0] for start in starts])
+    assert gauze_x[pushed].min() < np.quantile(gauze_x, 0.25)
+    assert gauze_x[pushed].max() > np.quantile(gauze_x, 0.75)
+
+
 def test_a_disturbed_dataset_differs_and_tells_how_much_it_was_disturbed(reach_pair, tmp_path):
     root = recording.record("NeedleReach", 2, 0, tmp_path / "reach", disturb=0.5)
     assert (facts(root)["disturb"], facts(reach_pair)["disturb"]) == (0.5, 0)
@@ -440,7 +470,9 @@ killed_at_random(20, duration)
 def killed_recordings(tmp_path_factory):
     """Folders of recordings that were killed once and run again, and of one that was not."""
     folder = tmp_path_factory.mktemp("killed")
-    done = subprocess.run([sys.executable, "-c", _KILLED, str(folder)], capture_output=True, text=True, timeout=300)
+    command = [sys.executable, "-c", _KILLED, str(folder)]
+    environment = os.environ | {"PYTHONHASHSEED": "7"}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr[-3000:]
     return folder
 
@@ -451,6 +483,12 @@ def test_a_killed_recording_goes_on_to_the_same_bytes(killed_recordings):
     different = [run.name for run in sorted(killed_recordings.iterdir()) if files(run / "dataset") != expected]
     assert expected
     assert not different
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="forks children to kill")
+def test_another_process_records_the_same_bytes(killed_recordings, tmp_path):
+    here = recording.record("NeedleReach", 2, 0, tmp_path / "reach", 0.3)
+    assert files(killed_recordings / "uninterrupted" / "dataset") == files(here)
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="forks children to kill")
@@ -532,6 +570,18 @@ def test_finished_episodes_are_not_run_again(tmp_path, monkeypatch):
     assert ran == [0, 1, 1]
 
 
+def test_a_second_process_in_the_same_folder_is_refused_until_the_first_is_gone(reach_pair, tmp_path, at_work):
+    first = at_work(tmp_path / "reach.recording")
+    before = files(tmp_path)
+    with pytest.raises(OSError, match="another `gcdt` command is at work in .*reach.recording"):
+        recording.record("NeedleReach", 2, 0, tmp_path / "reach")
+    assert files(tmp_path) == before
+    first.kill()
+    first.join()
+    assert files(recording.record("NeedleReach", 2, 0, tmp_path / "reach")) == files(reach_pair)
+    assert [path.name for path in tmp_path.iterdir()] == ["reach"]
+
+
 # Bad input: one clear error, nothing damaged.
 
 
@@ -601,14 +651,6 @@ def test_bad_arguments_leave_no_trace(tmp_path, arguments, named):
 def test_an_unknown_task_is_answered_with_the_known_ones(tmp_path):
     with pytest.raises(ValueError, match=", ".join(surrol_gym.TASKS)):
         recording.record("NeedleThread", 1, 0, tmp_path / "reach")
-
-
-def test_another_process_records_the_same_bytes(needle_reach_root, tmp_path):
-    root = tmp_path / needle_reach_root.name
-    command = ["record", "--task", "NeedleReach", "--episodes", "4", "--root", str(root)]
-    program = f"from lerobot_gcdt.cli import main; main({command})"
-    subprocess.run([sys.executable, "-c", program], env=os.environ | {"PYTHONHASHSEED": "7"}, check=True)
-    assert files(root) == files(needle_reach_root)
 
 
 # Disturbed recordings.

@@ -16,6 +16,7 @@ from lerobot.envs.utils import NEW_ROLLOUT_OPTION, env_to_policy_features
 
 import surrol_gym
 from lerobot_gcdt import SurRoLEnvConfig
+from lerobot_gcdt.errors import OptionError
 from lerobot_gcdt.features import Extras
 
 BOTH = "NeedleReach-v0,NeedlePick-v0"
@@ -213,13 +214,13 @@ def test_a_single_environment_needs_no_process_of_its_own(make):
     "task", ["NeedleThread-v0", "NeedlePick", "NeedlePick-v9", "", "NeedleReach-v0,NeedleThread-v0"]
 )
 def test_an_unknown_task_is_one_error_that_names_it_and_the_known_ones(task):
-    with pytest.raises(ValueError, match="NeedlePick-v0") as error:
+    with pytest.raises(OptionError, match="NeedlePick-v0") as error:
         SurRoLEnvConfig(task=task)
     assert repr(task.split(",")[-1]) in str(error.value)
 
 
 def test_an_unknown_camera_of_policies_names_the_known_ones():
-    with pytest.raises(ValueError, match="(?s)closeup, overview.*endoscope"):
+    with pytest.raises(OptionError, match="(?s)closeup, overview.*endoscope"):
         SurRoLEnvConfig(cameras="overview,endoscope")
 
 
@@ -234,5 +235,5 @@ def test_an_unknown_camera_of_policies_names_the_known_ones():
     ids=["camera", "width", "height", "camera_size"],
 )
 def test_a_bad_picture_is_one_error_that_names_it(picture, named, make):
-    with pytest.raises(ValueError, match=named):
+    with pytest.raises((OptionError, ValueError), match=named):
         make(SurRoLEnvConfig(**picture))

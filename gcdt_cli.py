@@ -1,15 +1,12 @@
-"""The console command ``gcdt``."""
+"""The console command ``gcdt``.
+
+A module outside of ``lerobot_gcdt``, because importing that package registers its policies with LeRobot and so loads
+PyTorch and LeRobot, which takes many seconds. Whoever asks for help or mistypes something is answered without them.
+"""
 
 import argparse
 import sys
 from pathlib import Path
-
-from lerobot_gcdt.collection import PUBLISHED_DISTURB, record_all
-from lerobot_gcdt.features import FIELDS, Extras
-from lerobot_gcdt.hub import publish
-from lerobot_gcdt.manifest import MANIFEST, differing_episodes, write_manifest
-from lerobot_gcdt.merging import merge as merge_datasets
-from lerobot_gcdt.recording import record as record_dataset
 
 RECORD_EXAMPLE = "example: gcdt record --task NeedlePick --episodes 100 --seed 0 --root datasets/needle_pick"
 RECORD_ALL_EXAMPLE = "all of the published datasets: gcdt record --all --root datasets"
@@ -21,6 +18,17 @@ def main(arguments: list[str] | None = None) -> None:
     """Runs ``gcdt``; a bad argument ends with one line and an exit status other than 0."""
     parser = argparse.ArgumentParser(prog="gcdt", description="Datasets of the SurRoL tasks.", epilog=RECORD_EXAMPLE)
     commands = parser.add_subparsers(dest="command", required=True)
+    _add_record(commands)
+    _add_merge(commands)
+    _add_publish(commands)
+    options = parser.parse_args(arguments)
+    try:
+        options.run(options)
+    except (ValueError, OSError, RuntimeError) as error:
+        sys.exit(f"gcdt {options.command}: {error}")
+
+
+def _add_record(commands) -> None:
     record = commands.add_parser(
         "record",
         help="record demonstrations of a scripted expert as a LeRobot dataset",
@@ -41,42 +49,44 @@ def main(arguments: list[str] | None = None) -> None:
         type=float,
         metavar="LEVEL",
         help="push the arm now and then, by up to LEVEL of a full action; the expert corrects "
-        f"(default 0, with --all {PUBLISHED_DISTURB} as in the published datasets)",
+        "(default 0, with --all that of the published datasets)",
     )
     record.add_argument(
-        "--fields", type=_names, default=[], help=f"further numbers, separated by commas, of {', '.join(FIELDS)}"
+        "--fields", type=_names, default=[], help="further numbers, separated by commas; there is: openh"
     )
     record.add_argument("--cameras", type=_names, default=[], help="cameras that film, such as overview,closeup")
     record.add_argument("--camera_size", type=int, default=128, help="width and height of the films (default 128)")
     record.add_argument("--workers", type=int, help="with --all: datasets recorded at a time (default: one a core)")
     record.add_argument(
-        "--manifest", type=Path, default=MANIFEST, help="with --all: what the episodes are compared with"
+        "--manifest",
+        type=Path,
+        help="with --all: what the episodes are compared with (default: that of the published ones)",
     )
     record.add_argument("--write_manifest", action="store_true", help="with --all: write the manifest instead")
+    record.set_defaults(run=_record)
+
+
+def _add_merge(commands) -> None:
     merge = commands.add_parser(
         "merge", help="merge the datasets of several tasks into one for cross-task training", epilog=MERGE_EXAMPLE
     )
     merge.add_argument("datasets", nargs="+", help="folders of datasets that `gcdt record` wrote")
     merge.add_argument("--root", required=True, help="folder of the merged dataset")
-    send = commands.add_parser(
+    merge.set_defaults(run=_merge)
+
+
+def _add_publish(commands) -> None:
+    publish = commands.add_parser(
         "publish", help="publish a dataset or a trained policy, with its card, on the Hub", epilog=PUBLISH_EXAMPLE
     )
-    send.add_argument("folder", help="a dataset of `gcdt record` or `gcdt merge`, or an output folder of lerobot-train")
-    send.add_argument("--repo_id", required=True, metavar="USER/NAME", help="repository to publish it as")
-    send.add_argument("--private", action="store_true", help="make a new repository private")
-    send.add_argument("--revision_tag", metavar="TAG", help="name that this state keeps for ever, such as v1.0")
-    send.add_argument("--dry_run", action="store_true", help="only show what would be sent")
-    options = parser.parse_args(arguments)
-
-    try:
-        if options.command == "record":
-            _record(options)
-        elif options.command == "publish":
-            publish(options.folder, options.repo_id, options.private, options.revision_tag, options.dry_run)
-        else:
-            merge_datasets(options.datasets, options.root)
-    except (ValueError, OSError) as error:
-        sys.exit(f"gcdt {options.command}: {error}")
+    publish.add_argument(
+        "folder", help="a dataset of `gcdt record` or `gcdt merge`, or an output folder of lerobot-train"
+    )
+    publish.add_argument("--repo_id", required=True, metavar="USER/NAME", help="repository to publish it as")
+    publish.add_argument("--private", action="store_true", help="make a new repository private")
+    publish.add_argument("--revision_tag", metavar="TAG", help="name that this state keeps for ever, such as v1.0")
+    publish.add_argument("--dry_run", action="store_true", help="only show what would be sent")
+    publish.set_defaults(run=_publish)
 
 
 def _names(text: str) -> list[str]:
@@ -84,21 +94,33 @@ def _names(text: str) -> list[str]:
 
 
 def _record(options: argparse.Namespace) -> None:
-    """Runs ``gcdt record``."""
+    import surrol_gym
+
+    if options.task and options.task not in surrol_gym.TASKS:
+        raise ValueError(f"Unknown task {options.task!r}; choose one of {', '.join(surrol_gym.TASKS)}.")
+
+    from lerobot_gcdt.collection import PUBLISHED_DISTURB, record_all
+    from lerobot_gcdt.features import Extras
+    from lerobot_gcdt.manifest import MANIFEST, write_manifest
+    from lerobot_gcdt.recording import record
+
     extras = Extras(options.fields, options.cameras, options.camera_size)
-    if options.all:
-        disturb = PUBLISHED_DISTURB if options.disturb is None else options.disturb
-        roots = record_all(options.root, options.episodes, options.seed, disturb, extras, options.workers)
-        if options.write_manifest:
-            write_manifest(roots, options.manifest)
-        else:
-            _compare(roots, options.manifest)
+    if not options.all:
+        record(options.task, options.episodes, options.seed, options.root, options.disturb or 0.0, extras)
+        return
+    disturb = PUBLISHED_DISTURB if options.disturb is None else options.disturb
+    roots = record_all(options.root, options.episodes, options.seed, disturb, extras, options.workers)
+    manifest = options.manifest or MANIFEST
+    if options.write_manifest:
+        write_manifest(roots, manifest)
     else:
-        record_dataset(options.task, options.episodes, options.seed, options.root, options.disturb or 0.0, extras)
+        _compare(roots, manifest)
 
 
 def _compare(roots: list[Path], manifest: Path) -> None:
     """Says of each dataset whether it holds what the manifest says; exits with status 1 if one does not."""
+    from lerobot_gcdt.manifest import differing_episodes
+
     if not manifest.exists():
         print(f"There is no {manifest}, so the datasets were not compared with the published ones.")
         return
@@ -112,3 +134,19 @@ def _compare(roots: list[Path], manifest: Path) -> None:
             print(f"{root} matches the manifest.")
     if any(differing.values()):
         raise ValueError("the recorded datasets are kept, but differ from the published ones")
+
+
+def _merge(options: argparse.Namespace) -> None:
+    from lerobot_gcdt.merging import merge
+
+    merge(options.datasets, options.root)
+
+
+def _publish(options: argparse.Namespace) -> None:
+    from lerobot_gcdt.hub import publish
+
+    publish(options.folder, options.repo_id, options.private, options.revision_tag, options.dry_run)
+
+
+if __name__ == "__main__":
+    main()
