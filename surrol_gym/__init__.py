@@ -2,6 +2,8 @@
 
 from gymnasium.envs.registration import register
 
+from surrol_gym.envs.time_limit import RestorableTimeLimit
+
 _TIME_LIMITS = {
     "NeedleReach": 50,
     "GauzeRetrieve": 50,
@@ -22,7 +24,12 @@ __all__ = ["TASKS", "make_expert"]
 
 for _task, _limit in _TIME_LIMITS.items():
     _module = "".join(f"_{letter.lower()}" if letter.isupper() else letter for letter in _task).strip("_")
-    register(f"surrol/{_task}-v0", f"surrol_gym.tasks.{_module}:{_task}Env", max_episode_steps=_limit)
+    register(
+        f"surrol/{_task}-v0",
+        f"surrol_gym.tasks.{_module}:{_task}Env",
+        max_episode_steps=_limit,
+        additional_wrappers=(RestorableTimeLimit.wrapper_spec(),),
+    )
 
 
 def __getattr__(name):

@@ -6,6 +6,7 @@ and returns to an earlier phase when a grasp fails.
 """
 
 from dataclasses import dataclass
+from math import atan2, exp
 
 import numpy as np
 
@@ -76,6 +77,11 @@ def nearest_yaw(yaw, period=2 * np.pi, middle=np.pi / 4):
     return (yaw - middle + period / 2) % period - period / 2 + middle
 
 
+def heading(y, x):
+    """Returns the angle of the direction (x, y), radians, to the same last digit on every processor."""
+    return np.float64(atan2(y, x))
+
+
 class Expert:
     """Executes the plan of one task.
 
@@ -96,7 +102,7 @@ class Expert:
 
 def _action(target):
     distance = np.abs(target.offset).max()
-    gain = target.gain + (NEAR_GAIN - target.gain) * np.exp(-distance / NEAR)
+    gain = target.gain + (NEAR_GAIN - target.gain) * exp(-distance / NEAR)
     motion = target.offset * min(gain / STEP_SIZE, target.speed / max(distance, 1e-12))
     return *motion, np.clip(target.turn, -target.turn_speed, target.turn_speed), target.jaw
 

@@ -30,12 +30,13 @@ _HAS_DISPLAY = not sys.platform.startswith("linux") or "DISPLAY" in os.environ
 
 @dataclass(frozen=True)
 class State:
-    """A moment of an episode, as ``get_state`` returns it: simulation, task and random generator."""
+    """A moment of an episode, as ``get_state`` returns it: simulation, task, random generator and number of steps."""
 
     task_name: str
     world: tuple
     task: dict[str, Any]
     rng: dict[str, Any]
+    elapsed_steps: int
 
 
 class GoalEnv(gym.Env):
@@ -47,6 +48,10 @@ class GoalEnv(gym.Env):
     False. ``info`` holds ``is_success``, ``contact_force`` (sum of the normal forces on the arms in the last
     sub-step, kg su / s^2) and ``workspace_clipped`` (whether the action pointed out of the workspace).
 
+    Between a seed and an action of the expert, nothing calls NumPy's transcendental functions, matrix products or
+    ``linalg``, apart from norms along an axis: their last digit depends on the processor, and that of ``math`` does
+    not. So a seed gives the same bytes on every x86-64 processor with FMA (the C library chooses by that, too).
+
     Args:
         render_mode: None, ``"rgb_array"``, ``"depth_array"``, ``"segmentation"`` or, on a machine with a display,
             ``"human"``; see ``surrol_gym.stage.Stage.render`` for what the pictures hold.
@@ -54,6 +59,9 @@ class GoalEnv(gym.Env):
         camera: Name of the camera of ``render`` and ``pixels``, one of ``cameras``.
         width: Width of the picture, pixels.
         height: Height of the picture, pixels.
+
+    Attributes:
+        elapsed_steps: Steps of the episode so far.
 
     Raises:
         ValueError: An argument is not one of the values above.
@@ -103,6 +111,7 @@ class GoalEnv(gym.Env):
         self._closed = False
         self._goal = None
         self._world_state = None
+        self.elapsed_steps = 0
         # Things near the camera first: the renderer then finds the others hidden.
         self._build_scene()
         for part in range(0, len(self.goal_names), 3):
@@ -153,11 +162,11 @@ class GoalEnv(gym.Env):
 
     def _get_task_state(self):
         """Returns what the task must remember beside the simulation."""
-        return {"goal": self._goal}
+        return {"goal": tuple(self._goal.tolist())}
 
     def _set_task_state(self, state):
         """Restores ``_get_task_state``."""
-        self._goal = state["goal"]
+        self._goal = np.array(state["goal"])
 
     # Gymnasium's API.
 
@@ -168,10 +177,11 @@ class GoalEnv(gym.Env):
         self.world.restore_built()
         self._pose_scene()
         self.world.step(SETTLING_STEPS)
-        self._goal = np.asarray(self._sample_goal(), dtype=np.float64)
+        self._goal = np.array(self._sample_goal(), dtype=np.float64)  # a copy, since it may be a constant of the task
         self._after_sub_steps()
         contact_force = self._contact_force()
         self._forget_contacts()
+        self.elapsed_steps = 0
         observation = self._get_observation()
         return observation, self._get_info(observation, contact_force, workspace_clipped=False)
 
@@ -188,6 +198,7 @@ class GoalEnv(gym.Env):
         self._after_sub_steps()
         contact_force = self._contact_force()
         self._forget_contacts()
+        self.elapsed_steps += 1
         observation = self._get_observation()
         info = self._get_info(observation, contact_force, clipped)
         return observation, float(info["is_success"]) - 1.0, False, False, info
@@ -242,7 +253,7 @@ class GoalEnv(gym.Env):
         return self._never(achieved_goal)
 
     def compute_truncated(self, achieved_goal, desired_goal, info):
-        """Returns False for every goal: ``TimeLimit`` truncates."""
+        """Returns False for every goal: the time limit truncates."""
         return self._never(achieved_goal)
 
     # Saving and restoring.
@@ -251,7 +262,8 @@ class GoalEnv(gym.Env):
         """Returns the full state of the episode; ``set_state`` brings it back in any environment of this task."""
         self._check_open()
         self._check_reset()
-        return State(self.task, self._world_state, self._get_task_state(), self.np_random.bit_generator.state)
+        rng = self.np_random.bit_generator.state
+        return State(self.task, self._world_state, self._get_task_state(), rng, self.elapsed_steps)
 
     def set_state(self, state):
         """Restores a state of ``get_state``.
@@ -269,6 +281,7 @@ class GoalEnv(gym.Env):
         self._world_state = state.world
         self.world.set_state(state.world)
         self.np_random.bit_generator.state = state.rng
+        self.elapsed_steps = state.elapsed_steps
         return self._get_observation()
 
     # Details.

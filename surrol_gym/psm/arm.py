@@ -1,5 +1,7 @@
 """A PSM in the simulated world: poses in, motion of its gripper out."""
 
+from math import hypot
+
 import numpy as np
 import pybullet
 
@@ -43,9 +45,9 @@ class Arm:
 
     def __init__(self, world, base_position, base_yaw, look="psm.urdf", jaw_mass=0.03):
         self._client = world.client
-        c, s = np.cos(base_yaw), np.sin(base_yaw)
-        self._rotation = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-        self._rcm = np.asarray(base_position) + self._rotation @ (0.0, 0.4864, 0.0)
+        base = base_position, pybullet.getQuaternionFromEuler((0, 0, base_yaw))
+        self._rcm = pybullet.multiplyTransforms(*base, (0, 0.4864, 0), (0, 0, 0, 1))
+        self._to_rcm = pybullet.invertTransform(*self._rcm)
         self._joints = np.zeros(6)
         self._touching, self.contact_force = set(), 0.0
         self.body = world.load("psm_gripper.urdf", fixed=False, sleeps=False, drawn=False)
@@ -67,8 +69,8 @@ class Arm:
         Raises:
             JointLimitError: The pose is out of reach.
         """
-        self._joints = self._solve(position, euler_to_matrix(euler))
         orientation = pybullet.getQuaternionFromEuler(euler)
+        self._joints = self._solve(position, orientation)
         self._client.resetBasePositionAndOrientation(self.body, position, orientation)
         self._client.resetBaseVelocity(self.body, (0, 0, 0), (0, 0, 0))
         for joint, angle in zip(JAWS, (-jaw / 2, jaw / 2), strict=True):
@@ -85,9 +87,9 @@ class Arm:
         """
         orientation = pybullet.getQuaternionFromEuler(euler)
         try:
-            self._joints = self._solve(position, quaternion_to_matrix(orientation), near=self._joints)
+            self._joints = self._solve(position, orientation, near=self._joints)
         except kinematics.JointLimitError:
-            position, orientation = self._nearest_in_reach(position, euler)
+            position, orientation = self._nearest_in_reach(position, orientation)
         self._hold_at(position, orientation)
 
     def command_jaws(self, angle):
@@ -114,7 +116,7 @@ class Arm:
     def joints(self):
         """Returns the joint positions, shape (6,), metres and radians."""
         position, orientation = self._client.getBasePositionAndOrientation(self.body)
-        return self._solve(position, quaternion_to_matrix(orientation), near=self._joints, on_limit="clip")
+        return self._solve(position, orientation, near=self._joints, on_limit="clip")
 
     def jaw_angle(self):
         """Returns the opening angle between the jaws, radians."""
@@ -139,17 +141,17 @@ class Arm:
         """Restores ``get_state``; the world must be restored, too."""
         self._joints = np.array(state)
 
-    def _solve(self, position, rotation, **options):
-        """Joints of a pose in the world: position, su, and rotation matrix."""
-        return kinematics.inverse(
-            self._rotation.T @ (to_metres(position) - self._rcm), self._rotation.T @ rotation, **options
-        )
+    def _solve(self, position, orientation, **options):
+        """Joints of a pose in the world: position, su, and quaternion."""
+        position, orientation = pybullet.multiplyTransforms(*self._to_rcm, to_metres(position), orientation)
+        return kinematics.inverse(position, quaternion_to_matrix(orientation), **options)
 
-    def _nearest_in_reach(self, position, euler):
+    def _nearest_in_reach(self, position, orientation):
         """Moves the joints as near to a pose as their limits allow; returns the pose that results."""
-        self._joints = self._solve(position, euler_to_matrix(euler), near=self._joints, on_limit="clip")
+        self._joints = self._solve(position, orientation, near=self._joints, on_limit="clip")
         position, rotation = kinematics.forward(self._joints)
-        return to_su(self._rcm + self._rotation @ position), matrix_to_quaternion(self._rotation @ rotation)
+        position, orientation = pybullet.multiplyTransforms(*self._rcm, position, matrix_to_quaternion(rotation))
+        return to_su(position), orientation
 
     def _hold_at(self, position, orientation):
         self._client.changeConstraint(
@@ -174,14 +176,15 @@ def quaternion_to_matrix(quaternion):
 
 def matrix_to_quaternion(matrix):
     """Converts a rotation matrix, shape (3, 3), to a quaternion (x, y, z, w)."""
-    # The eigenvector of Bar-Itzhack's symmetric matrix: no case distinction, and exact enough for a rare event.
     (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = matrix
-    symmetric = np.array(
+    # Four times the products of the quaternion's numbers, so that each row is a multiple of it.
+    products = np.array(
         [
-            [xx - yy - zz, yx + xy, zx + xz, zy - yz],
-            [yx + xy, yy - xx - zz, zy + yz, xz - zx],
-            [zx + xz, zy + yz, zz - xx - yy, yx - xy],
-            [zy - yz, xz - zx, yx - xy, xx + yy + zz],
+            [1 + xx - yy - zz, yx + xy, zx + xz, zy - yz],
+            [yx + xy, 1 - xx + yy - zz, zy + yz, xz - zx],
+            [zx + xz, zy + yz, 1 - xx - yy + zz, yx - xy],
+            [zy - yz, xz - zx, yx - xy, 1 + xx + yy + zz],
         ]
     )
-    return np.linalg.eigh(symmetric)[1][:, -1]
+    row = products[products.diagonal().argmax()]
+    return row / hypot(*row)

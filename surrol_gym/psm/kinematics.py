@@ -26,6 +26,8 @@ INSERTION_OFFSET = 0.0156
 
 _ROLL = 3
 
+_cos, _sin = np.vectorize(cos, otypes=[np.float64]), np.vectorize(sin, otypes=[np.float64])  # see GoalEnv
+
 
 class JointLimitError(ValueError):
     """A pose needs a joint beyond its limit."""
@@ -42,9 +44,9 @@ def forward(joints):
     """
     q1, q2, q3, q4, q5, q6 = np.moveaxis(np.asarray(joints, dtype=np.float64), -1, 0)[..., None]
     x3, y3, z3 = _shaft_frame(q1, q2)
-    x4, z5 = x3 * np.cos(q4) + y3 * np.sin(q4), y3 * np.cos(q4) - x3 * np.sin(q4)
-    x5, z6 = x4 * np.sin(q5) + z3 * np.cos(q5), x4 * np.cos(q5) - z3 * np.sin(q5)
-    x6, y6 = x5 * np.sin(q6) + z5 * np.cos(q6), x5 * np.cos(q6) - z5 * np.sin(q6)
+    x4, z5 = x3 * _cos(q4) + y3 * _sin(q4), y3 * _cos(q4) - x3 * _sin(q4)
+    x5, z6 = x4 * _sin(q5) + z3 * _cos(q5), x4 * _cos(q5) - z3 * _sin(q5)
+    x6, y6 = x5 * _sin(q6) + z5 * _cos(q6), x5 * _cos(q6) - z5 * _sin(q6)
     position = (q3 - INSERTION_OFFSET) * z3 + WRIST_OFFSET * x5
     return position, np.stack([x6, y6, z6], axis=-1)
 
@@ -117,7 +119,7 @@ def _inverse_of_one(position, rotation, near, on_limit):
 
 def _shaft_frame(q1, q2):
     """Axes of the frame behind the roll joint, z3 along the shaft; q1 and q2 have the shape (..., 1)."""
-    c1, s1, c2, s2 = np.cos(q1), np.sin(q1), np.cos(q2), np.sin(q2)
+    c1, s1, c2, s2 = _cos(q1), _sin(q1), _cos(q2), _sin(q2)
     return (
         np.concatenate([-s1 * s2, -c2, c1 * s2], axis=-1),
         np.concatenate([-c1, 0 * c1, -s1], axis=-1),

@@ -1,5 +1,7 @@
 """BiPegTransfer: take the red block with one arm, hand it to the other and put it on another peg."""
 
+from math import hypot
+
 import numpy as np
 
 from surrol_gym.envs.grasping import Grasp, exclude_each_other
@@ -164,7 +166,7 @@ class BiPegTransferEnv(PSMEnv):
         if hand1.holds and hand2.holds:
             return Target(still, jaw=CLOSE), Target(still, jaw=OPEN)
         if hand1.holds:
-            if np.linalg.norm(hand2.offset) < 0.06:
+            if hypot(*hand2.offset) < 0.06:
                 return Target(still, jaw=CLOSE), hand2.retreat()
             return (hand1.carry(rest) if block.stands else hand1.lay_across(goal[:2])), park2
         if hand2.holds:

@@ -1,12 +1,13 @@
 """MatchBoard: put a letter or digit into its recess of the board."""
 
 from dataclasses import replace
+from math import cos, hypot, sin, sumprod
 
 import numpy as np
 
 from surrol_gym.envs.grasping import Grasp
 from surrol_gym.envs.psm_env import Mount, PSMEnv, robot_state_names, rpy, xyz
-from surrol_gym.experts import CLOSE, OPEN, Target, grasp, nearest_yaw
+from surrol_gym.experts import CLOSE, OPEN, Target, grasp, heading, nearest_yaw
 from surrol_gym.psm.arm import TIP_OFFSET, euler_to_matrix
 from surrol_gym.stage import OVERVIEW, Camera
 
@@ -238,8 +239,8 @@ class MatchBoardEnv(PSMEnv):
         number = round(float(state[7]))
         catch_x, catch_y, catch_direction, depth = _CATCHES[number]
         rotation = euler_to_matrix(state[17:20])
-        catch = piece + rotation @ (catch_x, catch_y, 0.0)
-        stroke = rotation @ (np.cos(catch_direction), np.sin(catch_direction), 0.0)
+        catch = piece + catch_x * rotation[:, 0] + catch_y * rotation[:, 1]
+        stroke = cos(catch_direction) * rotation[:, 0] + sin(catch_direction) * rotation[:, 1]
         to_grasp = catch + (0.0, 0.0, TIP_OFFSET - depth) - position
         # Tips must not touch the tiles. A little beyond the workspace, jaws at its limit still enclose the stroke.
         above_tiles = BOARD_POSITION[2] + BOARD_TOP + TIP_OFFSET - position[2]
@@ -250,7 +251,7 @@ class MatchBoardEnv(PSMEnv):
         seat = BOARD_POSITION + (goal - BOARD_POSITION) * (TILE / CELL)
         if HELD_JAW[0] < jaw < HELD_JAW[1] and np.abs(to_grasp).max() < 0.025:
             # Upside down it fits both ways.
-            upright = np.arctan2(rotation[1, 0], rotation[0, 0])
+            upright = heading(rotation[1, 0], rotation[0, 0])
             turn = nearest_yaw(tool_yaw - upright, 2 * np.pi if rotation[2, 2] > 0 else np.pi) - tool_yaw
             slant = TILT_REACH * np.sqrt(max(0.0, 1.0 - rotation[2, 2] ** 2))
             to_release = seat + (0.0, 0.0, BOARD_TOP + 0.001 + depth + slant) - piece
@@ -261,7 +262,7 @@ class MatchBoardEnv(PSMEnv):
             return Target(np.array((0.0, 0.0, max(0.0, RETREAT_HEIGHT - position[2]))), jaw=OPEN, speed=0.4)
         if abs(rotation[2, 2]) < 0.6:
             return _topple(piece, rotation[:2, 2], position, jaw)
-        turn = nearest_yaw(np.arctan2(stroke[1], stroke[0]) + np.pi / 2, np.pi) - tool_yaw  # the jaws are symmetric
+        turn = nearest_yaw(heading(stroke[1], stroke[0]) + np.pi / 2, np.pi) - tool_yaw  # the jaws are symmetric
         target = grasp(reachable, turn, gain=GAIN)
         # Jaws that closed on nothing open again.
         return target if jaw > HELD_JAW[0] else replace(target, jaw=OPEN)
@@ -269,11 +270,12 @@ class MatchBoardEnv(PSMEnv):
 
 def _topple(piece, normal, position, jaw):
     """Pushes a piece that stands on its edge, along the normal of its plane, with closed jaws from the nearer side."""
-    normal = np.append(normal, 0.0) / np.linalg.norm(normal)
+    normal = np.append(normal, 0.0) / hypot(*normal)
     push_at = piece + (0.0, 0.0, 0.008 + TIP_OFFSET) - position
-    side = 1.0 if push_at @ normal < 0 else -1.0
-    gripper = CLOSE if jaw < HELD_JAW[0] or abs(push_at @ normal) > 0.03 else OPEN  # not around the piece
-    across = push_at - (push_at @ normal) * normal
+    distance = sumprod(push_at, normal)
+    side = 1.0 if distance < 0 else -1.0
+    gripper = CLOSE if jaw < HELD_JAW[0] or abs(distance) > 0.03 else OPEN  # not around the piece
+    across = push_at - distance * normal
     if np.abs(across).max() < 0.008:
         return Target(push_at - 0.03 * side * normal, jaw=gripper, speed=0.3)
     beside = push_at + 0.045 * side * normal

@@ -1,10 +1,12 @@
 """MatchBoardPanel: slide a lid open, lay the letter in a cell below it and slide the lid closed again."""
 
+from math import cos, sin, sumprod
+
 import numpy as np
 import pybullet
 
 from surrol_gym.envs.psm_env import Mount, PSMEnv, robot_state_names, rpy, xyz
-from surrol_gym.experts import CLOSE, OPEN, Target, nearest_yaw
+from surrol_gym.experts import CLOSE, OPEN, Target, heading, nearest_yaw
 from surrol_gym.psm.arm import JAWS
 from surrol_gym.stage import Camera
 
@@ -226,7 +228,7 @@ class MatchBoardPanelEnv(PSMEnv):
 def _grasps(letter, yaw):
     """Where link 5 may grasp the letter, one place for each of ``GRASP_ANGLES``, su, and the yaws of the jaws."""
     along = yaw + GRASP_ANGLES
-    outward = np.stack([np.cos(along), np.sin(along), np.zeros_like(along)], axis=1)
+    outward = np.array([(cos(angle), sin(angle), 0.0) for angle in along])
     middle = letter - ARC_OFFSET * outward[0] + (0.0, 0.0, GRASP_HEIGHT)
     return middle + ARC_RADIUS * outward, along % np.pi
 
@@ -234,7 +236,7 @@ def _grasps(letter, yaw):
 def _obstructions(grasps, yaws, handle):
     """How far open jaws at each grasp would reach out of the workspace or onto a lid, su."""
     x, y = grasps[:, 0], grasps[:, 1]
-    width, length = 0.008 + 0.0175 * np.abs(np.cos(yaws)), 0.008 + 0.0175 * np.abs(np.sin(yaws))
+    width, length = 0.008 + 0.0175 * np.abs([(cos(yaw), sin(yaw)) for yaw in yaws]).T
     outside = np.maximum(x - 3.018, 0.0) + np.maximum(-0.268 - y, 0.0)
     across, over_panel = np.abs(x - handle[0]), 0.19 - np.abs(x - PANEL_POSITION[0]) + width
     closed_lids = np.minimum.reduce((across + width - 0.0625, over_panel, 0.0875 - y + length))
@@ -255,9 +257,9 @@ def _normal(euler):
 def _topple(position, yaw, letter, normal, handle):
     """Pushes the letter over, across its plane, with jaws open along it: closed ones would slip through the C."""
     across = normal * (1.0, 1.0, 0.0) / np.hypot(normal[0], normal[1])
-    jaws = np.arctan2(across[0], -across[1]) % np.pi
+    jaws = heading(across[0], -across[1]) % np.pi
     offset, turn = letter + (0.0, 0.0, TOPPLE_HEIGHT) - position, jaws - yaw
-    distance = offset @ across
+    distance = sumprod(offset, across)
     if np.abs(offset - distance * across).max() < 0.01 and abs(turn) < 0.25:
         return Target(offset + np.copysign(0.03, distance) * across, turn, OPEN, speed=TOPPLE_SPEED)
     starts = offset + np.outer((-RUN_UP, RUN_UP), across)

@@ -1,5 +1,7 @@
 """The needle and its padded tray, shared by the tasks that use them (facts, section 4.0)."""
 
+from math import cos, sin
+
 import numpy as np
 import pybullet
 
@@ -44,7 +46,7 @@ class Needle:
 
     def drop(self, x, y, yaw):
         """Puts the centre of the arc above a point of the pad, turned about the vertical by ``yaw`` radians."""
-        offset = np.multiply(_ARC_CENTRE[0], (np.cos(yaw), np.sin(yaw), 0.0))
+        offset = np.multiply(_ARC_CENTRE[0], (cos(yaw), sin(yaw), 0.0))
         orientation = pybullet.getQuaternionFromEuler((0.0, 0.0, yaw))
         self._world.place(self.body, (x, y, DROP_HEIGHT) - offset, orientation)
 

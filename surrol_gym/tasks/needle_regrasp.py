@@ -5,7 +5,7 @@ import pybullet
 
 from surrol_gym.envs.grasping import Grasp, exclude_each_other
 from surrol_gym.envs.psm_env import PITCH, Mount, PSMEnv, psm2, robot_state_names, rpy, xyz
-from surrol_gym.experts import CLOSE, OPEN, Target
+from surrol_gym.experts import CLOSE, OPEN, Target, heading
 from surrol_gym.psm.arm import JAW_CLOSED, TIP_OFFSET
 from surrol_gym.stage import OVERVIEW, Camera
 from surrol_gym.tasks.needle import Needle
@@ -204,7 +204,7 @@ def _stay(jaw):
 def _meet(state, left, right, to_left):
     """PSM1 brings the needle to y = 0 and levels it; PSM2 goes where its point will be and closes on it from behind."""
     span = right - left
-    tilt = np.arctan2(span[2], span[1])
+    tilt = heading(span[2], span[1])
     meeting = np.array([np.clip(right[0], *MEETING_X), HALF_SPAN, np.clip(right[2], *MEETING_Z)])
     ahead = meeting - right
     turn = LEVEL - state[11]

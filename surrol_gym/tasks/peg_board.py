@@ -1,10 +1,12 @@
 """The peg board and its blocks, and how to handle a block; shared by the transfer tasks (facts, section 4.0)."""
 
+from math import hypot
+
 import numpy as np
 import pybullet
 
 from surrol_gym.assets.pegs import PEGS
-from surrol_gym.experts import CLOSE, OPEN, Target
+from surrol_gym.experts import CLOSE, OPEN, Target, heading
 from surrol_gym.psm.arm import TIP_OFFSET, euler_to_matrix
 from surrol_gym.units import to_su
 
@@ -98,6 +100,7 @@ _HELD_JAW = (0.08, 0.5)  # radians: closed on nothing the jaws are at 0, open at
 _STUCK_JAW = 0.75  # radians: something inside pushes the jaws apart
 _HOVER = 0.1  # of link 5 above the grasp, so that open jaws pass above pegs
 _HOLE_PLAY = 0.015  # across, between hole and peg
+_WALL_DIRECTIONS = (-1.0, 0.0), (0.5, 0.75**0.5), (0.5, -(0.75**0.5))  # outward, in the frame of the first wall
 
 
 class Block:
@@ -118,8 +121,7 @@ class Block:
         self.centre, self.ground, self.tip = centre, ground, tip
         rotation = euler_to_matrix(wall_euler)
         self.axis = rotation[:, 2]
-        angles = np.deg2rad((180, 60, -60))
-        self.walls = (rotation @ (np.cos(angles), np.sin(angles), np.zeros(3))).T
+        self.walls = np.array([c * rotation[:, 0] + s * rotation[:, 1] for c, s in _WALL_DIRECTIONS])
 
     @property
     def stands(self):
@@ -178,7 +180,7 @@ class Hand:
         self.reaches = bool(within[choice])
         # Of the two orientations across, one is always within [0, 180] degrees and so in reach of the roll joint.
         yaw = (yaw + 2.0) % (2 * np.pi) - 2.0
-        self.turn = np.arctan2(directions[choice][1], directions[choice][0]) % np.pi - yaw
+        self.turn = heading(directions[choice][1], directions[choice][0]) % np.pi - yaw
         near = np.linalg.norm(points - self._position, axis=1).min() < 0.025
         self.holds = bool(near and _HELD_JAW[0] < self._jaw < _HELD_JAW[1])
 
@@ -215,7 +217,7 @@ class Hand:
         if self._block.centre[2] > self._block.tip + 0.0825 and not self._helped:
             # It hangs on the jaws, but not in their grasp: shake it off.
             return Target(np.zeros(3), jaw=CLOSE if self._jaw > _HELD_JAW[1] else OPEN)
-        misalignment = max(np.hypot(*self.offset[:2]), 0.15 * abs(self.turn)) + np.linalg.norm(ahead)
+        misalignment = max(np.hypot(*self.offset[:2]), 0.15 * abs(self.turn)) + hypot(*ahead)
         if misalignment < 0.004 and abs(self.offset[2]) < 0.006:
             return Target(self.offset, self.turn, CLOSE, gain=0.5)
         return self._approach(self.offset + ahead, misalignment, self.turn, OPEN)
@@ -247,7 +249,7 @@ class Hand:
         # The other end points to the middle of the free pegs.
         place = np.array((peg[0], peg[1] + np.copysign(0.0275, 0.14 - peg[1]), self._block.tip + 0.0305))
         axis = self._block.axis
-        turn = np.pi / 2 - np.arctan2(axis[1], axis[0]) % np.pi
+        turn = np.pi / 2 - heading(axis[1], axis[0]) % np.pi
         return self._lay(place, turn)
 
     def lay_down(self, place):

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import partial
+from math import cos
 
 import numpy as np
 import pybullet
@@ -223,7 +224,7 @@ class PickAndPlaceEnv(PSMEnv):
 
 def _carry(to_place, euler):
     """Moves a held jack, above everything else, over the place where it will stand, and lets go just above it."""
-    slant = np.sqrt(max(0.0, 1.0 - (np.cos(euler[0]) * np.cos(euler[1])) ** 2))
+    slant = np.sqrt(max(0.0, 1.0 - (cos(euler[0]) * cos(euler[1])) ** 2))
     to_place = to_place + (0.0, 0.0, 0.003 + FOOT * slant)
     lateral = np.hypot(to_place[0], to_place[1])
     if lateral < 0.004 and abs(to_place[2]) < 0.003:

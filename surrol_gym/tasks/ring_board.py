@@ -1,8 +1,10 @@
 """The board with hanging and upright pegs, and how to bring a ring from one to another (facts, section 4.7)."""
 
+from math import cos, hypot, sin, sumprod
+
 import numpy as np
 
-from surrol_gym.experts import CLOSE, OPEN, Target
+from surrol_gym.experts import CLOSE, OPEN, Target, heading
 from surrol_gym.psm.arm import TIP_OFFSET
 
 # The board (facts, section 4.7): six hanging pegs in each of two rows along x, two upright ones.
@@ -52,8 +54,8 @@ _STILL = np.zeros(3)
 
 def _psm1_tool(pitch):
     """Direction of PSM1's jaws at a pitch."""
-    s, c = np.sin(PSM1_ROLL), np.cos(PSM1_ROLL)
-    return np.array([-s * np.sin(pitch), -c, s * np.cos(pitch)])
+    s, c = sin(PSM1_ROLL), cos(PSM1_ROLL)
+    return np.array([-s * sin(pitch), -c, s * cos(pitch)])
 
 
 WAIT_1 = HANDOVER + (RING_RADIUS + 0.05) * _Y - GRIP_1 * _psm1_tool(0.0)
@@ -74,9 +76,9 @@ def _grasp(to_grasp, away, turn, hover, aligned=0.003, **kwargs):
         aligned: Misalignment below which the jaws close, su.
         **kwargs: Further attributes of the target.
     """
-    height = -(to_grasp @ away)
+    height = -sumprod(to_grasp, away)
     across = to_grasp + height * away
-    misalignment = max(np.linalg.norm(across), 0.05 * abs(turn))
+    misalignment = max(hypot(*across), 0.05 * abs(turn))
     if misalignment < aligned and abs(height) < aligned:
         return _move(to_grasp, turn, CLOSE, **kwargs)
     clearance = np.clip(3 * (misalignment - aligned), 0.0, hover)
@@ -109,8 +111,8 @@ class Scene:
     def _is_held(self, grip, jaw):
         """Whether jaws of that opening angle hold the ring's tube."""
         offset = grip - self.centre
-        along = offset @ self.axis
-        distance = np.hypot(np.linalg.norm(offset - along * self.axis) - RING_RADIUS, along)
+        along = sumprod(offset, self.axis)
+        distance = hypot(hypot(*(offset - along * self.axis)) - RING_RADIUS, along)
         return distance < 0.015 and HELD_JAW[0] < jaw < HELD_JAW[1]
 
     def is_around_peg(self):
@@ -120,7 +122,7 @@ class Scene:
         if abs(az) < 0.3:
             return False
         rise = (dx * ax + dy * ay) / az  # from the centre to where the peg's axis meets the ring's plane
-        return np.linalg.norm((dx, dy, rise)) < HOLE_RADIUS and self.centre[2] + rise < UPRIGHT_TOP
+        return hypot(dx, dy, rise) < HOLE_RADIUS and self.centre[2] + rise < UPRIGHT_TOP
 
     def is_for_psm2(self):
         """Whether PSM2 has to fetch a ring that nobody holds."""
@@ -129,7 +131,7 @@ class Scene:
     def tip1_in_hole(self):
         """Whether the tips of PSM1 are in a flat ring's hole, as far as they may go when they draw it."""
         x, y, z = self.tip1 - self.centre
-        return np.hypot(x, y) < 0.046 and z < 0.0095
+        return hypot(x, y) < 0.046 and z < 0.0095
 
     def leans(self):
         """Whether the ring leans towards or away from PSM1, whose jaws cannot lay it flat then."""
@@ -144,7 +146,7 @@ class Scene:
             offset[:2] *= np.clip((z - 3.56) / 0.03, 0.0, 1.0)
             return offset
         to_peg = np.array([pegs[np.abs(pegs - at).argmin()] - at for pegs, at in ((HANGING_Y, y), (HANGING_Z, z))])
-        distance = np.hypot(*to_peg)
+        distance = hypot(*to_peg)
         if distance < HOLE_RADIUS:
             return np.array([(HANDOVER[0] - x) * np.clip((0.016 - distance) / 0.006, 0.0, 1.0), *to_peg])
         return np.array([HANDOVER[0] - x, 0.0, max(3.47 - z, 0.0)])
@@ -165,7 +167,7 @@ class Scene:
                 return _move(to_grasp + 0.03 * _Z, -self.yaw, OPEN, gain=FAST_GAIN)
             return _grasp(to_grasp, _Z, -self.yaw, hover=0.03 if under_pegs else 0.12, gain=FAST_GAIN)
         up = _Z - self.axis[2] * self.axis
-        up /= np.linalg.norm(up)
+        up /= hypot(*up)
         side = np.cross(self.axis, up)
         side *= -1.0 if side[1] > 0 else 1.0
         below_pegs = self.centre[0] < HANGING_TIP_X + 0.02 and self.centre[2] < 3.55
@@ -174,12 +176,12 @@ class Scene:
             ys = [self.centre[1] + 0.554 * RING_RADIUS * sign * side[1] for sign in (1.0, -1.0)]
             side *= 1.0 if np.abs(HANGING_Y - ys[0]).min() > np.abs(HANGING_Y - ys[1]).min() else -1.0
         rim = self.centre + RING_RADIUS * (0.832 * up + 0.554 * side)
-        yaw = _half_turn(np.arctan2(self.axis[1], self.axis[0]), -np.pi / 2)
+        yaw = _half_turn(heading(self.axis[1], self.axis[0]), -np.pi / 2)
         return _grasp(rim + GRIP_2 * _Z - self.position2, _Z, yaw - self.yaw, hover=0.25 if below_pegs else 0.03)
 
     def bring(self):
         """Carries the ring to where it is handed over, and turns its axis into the x-z plane."""
-        turn = -_half_turn(np.arctan2(self.axis[1], self.axis[0]), -np.pi / 2)
+        turn = -_half_turn(heading(self.axis[1], self.axis[0]), -np.pi / 2)
         turn *= np.clip((FLAT - abs(self.axis[2])) / 0.3, 0.0, 1.0)  # the flatter the ring, the less its direction says
         # Slowly while friction alone holds the ring.
         return _move(self._way(HANDOVER), turn, CLOSE, speed=0.25 if self.centre[2] < 3.52 else 1.0)
@@ -204,7 +206,7 @@ class Scene:
 
     def take_over(self):
         """Waits for PSM2 to bring the ring, then takes it."""
-        if np.linalg.norm(self.centre - HANDOVER) > 0.06:
+        if hypot(*(self.centre - HANDOVER)) > 0.06:
             turn = self._grasping_pitch() - self.pitch
             return _move(WAIT_1 - self.position1, 2 * turn, OPEN, turn_speed=1.0)
         return self.take()
@@ -215,22 +217,22 @@ class Scene:
             return _move(-0.06 * _psm1_tool(self.pitch), speed=0.6)
         pitch = self._grasping_pitch()
         rim = _Y - self.axis[1] * self.axis
-        rim = self.centre + RING_RADIUS * rim / np.linalg.norm(rim)
+        rim = self.centre + RING_RADIUS * rim / hypot(*rim)
         to_grasp = rim - GRIP_1 * _psm1_tool(pitch) - self.position1
         return _grasp(to_grasp, _Y, 2 * (pitch - self.pitch), hover=0.05, turn_speed=1.0)
 
     def _is_through_ring(self):
         """Whether PSM1's gripper is through the ring, which it would take along."""
         back = -_psm1_tool(self.pitch)
-        across = back @ self.axis
+        across = sumprod(back, self.axis)
         if abs(across) < 0.25:
             return False
-        depth = (self.centre - self.tip1) @ self.axis / across
-        return 0.0 < depth < 0.1 and np.linalg.norm(self.tip1 + depth * back - self.centre) < HOLE_RADIUS
+        depth = sumprod(self.centre - self.tip1, self.axis) / across
+        return 0.0 < depth < 0.1 and hypot(*(self.tip1 + depth * back - self.centre)) < HOLE_RADIUS
 
     def _grasping_pitch(self):
         """Pitch at which the jaws close along the ring's axis."""
-        pitch = _half_turn(np.arctan2(self.axis[2], self.axis[0]), -np.pi / 3)
+        pitch = _half_turn(heading(self.axis[2], self.axis[0]), -np.pi / 3)
         return np.clip(pitch, -PITCH_LIMIT, PITCH_LIMIT)
 
     def put_down(self):
@@ -239,12 +241,12 @@ class Scene:
             return _move(_STILL)
         if self.is_around_peg() and self.centre[2] < RELEASE_HEIGHT:
             return self.back_off()
-        pitch = _half_turn(self.pitch + np.arctan2(self.axis[0], self.axis[2]), -np.pi / 6)
+        pitch = _half_turn(self.pitch + heading(self.axis[0], self.axis[2]), -np.pi / 6)
         if abs(self.axis[1]) > 0.7 or pitch > np.deg2rad(125):
             return _move(_STILL, jaw=OPEN)  # cannot be laid flat like this: drops it, to begin again
         turn = min(pitch, PITCH_LIMIT) - self.pitch
         offset = GOAL - self.centre
-        away = max(np.hypot(offset[0], offset[1]), 0.05 * abs(turn))
+        away = max(hypot(offset[0], offset[1]), 0.05 * abs(turn))
         if away > 0.03 or self.centre[2] > 3.6:
             offset = self._way(np.array([*GOAL[:2], 3.63]))
         if away < 0.034:
@@ -255,7 +257,7 @@ class Scene:
     def _is_beside_psm2(self):
         """Whether PSM2 has not left yet; until then PSM1's grasp may be by friction alone."""
         x, y, z = self.position2 - TIP_OFFSET * _Z - self.grip1
-        return np.hypot(x, y) < 0.1 and z < 0.04
+        return hypot(x, y) < 0.1 and z < 0.04
 
     def back_off(self):
         """Opens the jaws and draws them off the ring, then stays beside it."""
@@ -277,7 +279,7 @@ class Scene:
         # Not in the middle of the hole if the gripper would meet the peg there.
         shift = side * np.clip(0.032 - abs(beside), 0.0, 0.022) if 0.04 < y < GOAL[1] + 0.01 else 0.0
         to_hole = self.centre + (shift, 0.0, -0.0005) - self.position1 - TIP_OFFSET * _psm1_tool(0.0)
-        misalignment = max(np.hypot(to_hole[0], to_hole[1]), 0.05 * abs(self.pitch))
+        misalignment = max(hypot(to_hole[0], to_hole[1]), 0.05 * abs(self.pitch))
         # Under the hanging pegs from the front, elsewhere from above.
         under_pegs = x < HANGING_TIP_X + 0.04
         to_hole[2] += np.clip(5 * (misalignment - 0.006), 0.0, 0.05 if under_pegs else 0.12)

@@ -1,3 +1,4 @@
+import os
 import pickle
 import random
 import re
@@ -254,6 +255,21 @@ def test_goal_functions_are_vectorised_over_leading_axes(env, shape):
         assert reward[index] == compute.compute_reward(achieved[index], desired[index], {})
 
 
+@pytest.mark.parametrize("task", ["BiPegBoard", "PickAndPlace"])
+def test_who_writes_into_a_goal_changes_this_episode_only(make, task):
+    """These tasks have the same goal in every episode."""
+    env, other = make(task), make(task)
+    observation, _ = env.reset(seed=0)
+    goal, state = observation["desired_goal"].copy(), env.unwrapped.get_state()
+    observation["desired_goal"][:] = 7
+    env.unwrapped._goal[:] = 9
+    for later, _ in (env.reset(), other.reset()):
+        np.testing.assert_array_equal(later["desired_goal"], goal)
+    for _ in range(2):
+        np.testing.assert_array_equal(env.unwrapped.set_state(state)["desired_goal"], goal)
+        env.unwrapped._goal[:] = 9
+
+
 def test_goal_functions_of_a_single_goal_are_plain_numbers(env):
     goal = np.ones(SIZES[env.unwrapped.task][1])
     assert env.unwrapped.compute_reward(goal, goal, {}) == 0.0
@@ -265,9 +281,13 @@ def test_goal_functions_of_a_single_goal_are_plain_numbers(env):
 # -------------------------------------------------------------------------------------------------------------- seeding
 
 
-def test_the_same_seed_gives_the_same_bytes_in_another_process(capsys):
+def test_the_same_seed_gives_the_same_bytes_in_another_process_on_a_plainer_processor(capsys):
+    """The other process does without all vector instructions for which NumPy and OpenBLAS have code of their own."""
     code = "import runpy, sys; runpy.run_path(sys.argv[1])['print_episodes'](11, 32)"
-    result = subprocess.run([sys.executable, "-c", code, __file__], capture_output=True, text=True, check=True)
+    instructions = " ".join(np.show_config(mode="dicts")["SIMD Extensions"].get("found", ()))
+    plainer = os.environ | {"NPY_DISABLE_CPU_FEATURES": instructions, "OPENBLAS_CORETYPE": "Nehalem"}
+    command = [sys.executable, "-c", code, __file__]
+    result = subprocess.run(command, capture_output=True, text=True, check=True, env=plainer)
     print_episodes(11, 32)
     for task in surrol_gym.TASKS:
         theirs = [line for line in result.stdout.splitlines() if line.startswith(f"{task} ")]
@@ -423,6 +443,37 @@ def test_a_state_holds_the_random_generator(env):
     env.reset(seed=99)
     env.unwrapped.set_state(state)
     assert [snapshot(env.reset()[0]) for _ in range(3)] == following
+
+
+def test_a_restored_episode_goes_on_to_its_own_time_limit(make):
+    """From its end, from its middle, and from another episode, as the wrapped environment counts."""
+    env = make("NeedleReach", max_episode_steps=8)
+    action = np.zeros(5, dtype=np.float32)
+
+    def steps_to_the_end():
+        return next(steps for steps in range(1, 20) if env.step(action)[3])
+
+    env.reset(seed=0)
+    states = []
+    for _ in range(8):
+        states.append(env.unwrapped.get_state())
+        truncated = env.step(action)[3]
+    assert truncated
+    for moment in (3, 0, 7):
+        env.unwrapped.set_state(states[moment])
+        assert steps_to_the_end() == 8 - moment
+    env.reset(seed=1)
+    env.step(action)
+    env.unwrapped.set_state(states[5])
+    assert steps_to_the_end() == 3
+    env.reset()
+    assert steps_to_the_end() == 8
+
+
+def test_an_episode_may_have_no_time_limit(make):
+    env = make("NeedleReach", max_episode_steps=-1)
+    env.reset(seed=0)
+    assert not any(env.step(env.action_space.high)[3] for _ in range(60))
 
 
 # ------------------------------------------------------------------------------------------------------- resets in bulk
