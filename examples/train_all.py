@@ -15,6 +15,7 @@ Several GPUs: `--launcher "accelerate launch --multi_gpu --num_processes=4 -m"`.
 """
 
 import argparse
+import os
 import shlex
 import subprocess
 import sys
@@ -43,7 +44,9 @@ def main():
     parser.add_argument(
         "--generalist_steps", type=int, default=30_000, help="0 leaves the stage out, as the paper does"
     )
-    parser.add_argument("--finetune_steps", type=int, default=2_000, help="steps on one task, from scratch too")
+    parser.add_argument(
+        "--finetune_steps", type=int, help="steps on one task, from scratch too (default 2000, of bc 15000)"
+    )
     parser.add_argument("--save_freq", type=int, default=500)
     parser.add_argument("--launcher", default=f"{shlex.quote(sys.executable)} -m", help="command that runs a module")
     parser.add_argument("options", nargs="*", help="more arguments of lerobot-train, after --")
@@ -102,19 +105,20 @@ def train(options: argparse.Namespace, stage: str):
         f"--policy.device={options.device}",
         f"--save_freq={options.save_freq}",
         "--log_freq=100",
-        f"--batch_size={8 if stage == 'generalist' else 4}",
+        f"--batch_size={8 if stage == 'generalist' or options.scratch == 'bc' else 4}",
         "--num_workers=0",
         *options.options,
     ]
     steps = {"pretrain": options.pretrain_steps, "generalist": options.generalist_steps}
+    on_one_task = options.finetune_steps or (15_000 if options.scratch == "bc" else 2_000)
     output = options.output / stage
-    arguments = arguments_to_reach(steps.get(stage, options.finetune_steps), output, begin)
+    arguments = arguments_to_reach(steps.get(stage, on_one_task), output, begin)
     if arguments is None:
         print(f"{output} is complete already.")
         return
     command = [*shlex.split(options.launcher), "lerobot.scripts.lerobot_train", *arguments]
     print(shlex.join(command), flush=True)
-    subprocess.run(command, check=True)
+    subprocess.run(command, check=True, env={"OMP_WAIT_POLICY": "passive"} | os.environ)  # see examples/quickstart.py
 
 
 if __name__ == "__main__":
