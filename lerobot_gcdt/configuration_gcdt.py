@@ -6,6 +6,7 @@ from lerobot.configs.policies import PreTrainedConfig
 from lerobot.optim.optimizers import AdamWConfig
 from lerobot.optim.schedulers import CosineDecayWithWarmupSchedulerConfig
 
+from lerobot_gcdt.errors import OptionError
 from lerobot_gcdt.single_frames import SingleFrames
 
 SIZES = ("layers", "heads", "width", "inner_width", "max_timesteps")
@@ -84,21 +85,21 @@ class GCDTConfig(SingleFrames):
         super().__post_init__()
         for name in (*SIZES, "context_length", "auxiliary_context_length"):
             if getattr(self, name) < 1:
-                raise ValueError(f"policy.{name} must be positive, got {getattr(self, name)}.")
+                raise OptionError(f"policy.{name} must be positive, got {getattr(self, name)}.")
         if self.width % self.heads:
-            raise ValueError(f"policy.width ({self.width}) must be a multiple of policy.heads ({self.heads}).")
+            raise OptionError(f"policy.width ({self.width}) must be a multiple of policy.heads ({self.heads}).")
         for name in ("dropout", "hindsight_ratio", "hidden_ratio"):
             if not 0 <= getattr(self, name) <= 1:
-                raise ValueError(f"policy.{name} must lie in [0, 1], got {getattr(self, name)}.")
+                raise OptionError(f"policy.{name} must lie in [0, 1], got {getattr(self, name)}.")
         for name in ("dynamics_weight", "time_to_goal_weight", "reconstruction_weight"):
             if getattr(self, name) < 0:
-                raise ValueError(f"policy.{name} must not be negative, got {getattr(self, name)}.")
+                raise OptionError(f"policy.{name} must not be negative, got {getattr(self, name)}.")
         if self.training_stage not in ("pretrain", "finetune"):
-            raise ValueError(f"policy.training_stage must be 'pretrain' or 'finetune', got {self.training_stage!r}.")
+            raise OptionError(f"policy.training_stage must be 'pretrain' or 'finetune', got {self.training_stage!r}.")
         if self.optimizer_lr <= 0:
-            raise ValueError(f"policy.optimizer_lr must be positive, got {self.optimizer_lr}.")
+            raise OptionError(f"policy.optimizer_lr must be positive, got {self.optimizer_lr}.")
         if self.dtype not in ("auto", "bfloat16", "float32"):
-            raise ValueError(f"policy.dtype must be 'auto', 'bfloat16' or 'float32', got {self.dtype!r}.")
+            raise OptionError(f"policy.dtype must be 'auto', 'bfloat16' or 'float32', got {self.dtype!r}.")
 
     def get_optimizer_preset(self) -> AdamWConfig:
         """Returns AdamW (Fu et al. 2024, section IV-A)."""

@@ -6,6 +6,7 @@ from lerobot.configs.policies import PreTrainedConfig
 from lerobot.optim.optimizers import AdamWConfig
 from lerobot.optim.schedulers import CosineDecayWithWarmupSchedulerConfig
 
+from lerobot_gcdt.errors import OptionError
 from lerobot_gcdt.single_frames import SingleFrames
 
 
@@ -35,9 +36,9 @@ class BCConfig(SingleFrames):
     def __post_init__(self):
         super().__post_init__()
         if self.frames_per_sample < 1:
-            raise ValueError(f"policy.frames_per_sample must be positive, got {self.frames_per_sample}.")
+            raise OptionError(f"policy.frames_per_sample must be positive, got {self.frames_per_sample}.")
         if not 0 <= self.hindsight_ratio <= 1:
-            raise ValueError(f"policy.hindsight_ratio must lie in [0, 1], got {self.hindsight_ratio}.")
+            raise OptionError(f"policy.hindsight_ratio must lie in [0, 1], got {self.hindsight_ratio}.")
 
     def get_optimizer_preset(self) -> AdamWConfig:
         """Returns AdamW."""

@@ -10,6 +10,7 @@ from lerobot.configs.policies import PreTrainedConfig
 from lerobot.optim.optimizers import AdamWConfig
 
 from lerobot_gcdt import GCDTConfig
+from lerobot_gcdt.errors import OptionError
 
 
 def cpu_config(**values) -> GCDTConfig:
@@ -64,12 +65,12 @@ def test_two_configurations_share_no_table():
     ],
 )
 def test_a_bad_value_is_one_error_that_names_it(name, value):
-    with pytest.raises(ValueError, match=rf"policy\.{name}\b.*{value}"):
+    with pytest.raises(OptionError, match=rf"policy\.{name}\b.*{value}"):
         cpu_config(**{name: value})
 
 
 def test_a_width_that_the_heads_do_not_share_equally_is_an_error_that_names_both():
-    with pytest.raises(ValueError, match=r"policy\.width.*30.*policy\.heads.*4"):
+    with pytest.raises(OptionError, match=r"policy\.width.*30.*policy\.heads.*4"):
         cpu_config(width=30, heads=4)
 
 

@@ -15,6 +15,7 @@ UNKNOWN_TASK = (["--env.task=NeedlePik-v0"], "or a comma-separated list of them,
 CASES = {
     "training in an unknown task": (TRAIN, *UNKNOWN_TASK),
     "evaluation in an unknown task": (EVAL, *UNKNOWN_TASK),
+    "unknown precision": (TRAIN, ["--policy.dtype=half"], "must be 'auto', 'bfloat16' or 'float32', got 'half'."),
     "unknown camera": (EVAL, ["--env.cameras=top"], "has the cameras closeup, overview; got env.cameras=top."),
     "pictures of no size": (EVAL, ["--env.camera_size=0"], "env.camera_size must be positive, got 0."),
 }
@@ -49,4 +50,4 @@ def said(tmp_path_factory):
 def test_a_bad_option_ends_a_command_with_its_sentence(name, said):
     lines = [line for line in said[name].splitlines() if line]
     assert lines[-1].endswith(CASES[name][2])
-    assert "SurRoLEnvConfig" not in said[name]
+    assert "SurRoLEnvConfig" not in said[name] and "GCDTConfig" not in said[name]

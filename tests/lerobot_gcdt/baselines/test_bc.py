@@ -9,6 +9,7 @@ from lerobot.policies.factory import get_policy_class
 
 from lerobot_gcdt import BCPolicy
 from lerobot_gcdt.baselines.configuration_bc import BCConfig
+from lerobot_gcdt.errors import OptionError
 from lerobot_gcdt.trajectories import ACHIEVED_GOAL, GOAL, STATE
 
 
@@ -89,5 +90,5 @@ def test_training_without_a_dataset_is_an_error(policy):
 @pytest.mark.parametrize("bad", [{"hindsight_ratio": 1.5}, {"frames_per_sample": 0}], ids=str)
 def test_a_bad_number_is_named(bad):
     [(name, value)] = bad.items()
-    with pytest.raises(ValueError, match=f"{name}.*{value}"):
+    with pytest.raises(OptionError, match=f"{name}.*{value}"):
         BCConfig(**bad)
