@@ -77,6 +77,7 @@ class GoalEnv(gym.Env):
     observation_names: tuple[str, ...]
     """Name of each number of ``observation``; datasets carry them."""
     goal_names: tuple[str, ...]
+    """Name of each number of a goal; a number of ``observation`` of that name repeats the desired goal."""
     action_names: tuple[str, ...]
     goal_tolerance = 0.025
     """Distance from the desired goal that is success, su."""

@@ -113,7 +113,7 @@ class BiPegBoardEnv(PSMEnv):
         *xyz("point2"),
         *rpy("point2"),
     )
-    goal_names = xyz("ring")
+    goal_names = xyz("goal_ring")
     mounts = (
         Mount(
             start_position=(2.365, 0.25, 3.976),

@@ -104,7 +104,7 @@ class BiPegTransferEnv(PSMEnv):
         *xyz("wall2"),
         *rpy("wall2"),
     )
-    goal_names = xyz("block")
+    goal_names = xyz("goal_block")
     mounts = (
         Mount(
             start_position=(2.5, 0.25, 3.776),

@@ -101,7 +101,7 @@ class GauzeRetrieveEnv(PSMEnv):
         *rpy("grasp_point"),
     )
     solver_iterations = 20  # a step takes a third less time than with 50, and episodes end the same
-    goal_names = xyz("gauze")
+    goal_names = xyz("goal_gauze")
     mounts = (Mount(start_position=(2.5, 0.25, 3.601), turn_step=0.0),)
 
     def _build_scene(self):

@@ -167,7 +167,7 @@ class MatchBoardEnv(PSMEnv):
         *xyz("mark"),
         *rpy("mark"),
     )
-    goal_names = xyz("mark")
+    goal_names = xyz("goal_mark")
     mounts = (Mount(start_position=(2.5, 0.25, 3.601)),)
     jaw_mass = 0.3  # between lighter ones flat pieces swing before they are attached
     goal_tolerance = 0.02

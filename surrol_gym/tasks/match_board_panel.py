@@ -146,7 +146,7 @@ class MatchBoardPanelEnv(PSMEnv):
         *xyz("goal_letter"),
         *xyz("goal_handle"),
     )
-    goal_names = (*xyz("letter"), *xyz("handle"))
+    goal_names = (*xyz("goal_letter"), *xyz("goal_handle"))
     jaw_mass = 2.02  # as in SurRoL's gripper for this task; friction alone holds the letter, and lighter jaws drop it
     mounts = (Mount(start_position=(2.4, 0.125, 3.626), workspace=((0.48, 0.60), (-0.05, 0.10), (0.676, 0.715))),)
 

@@ -93,7 +93,7 @@ class NeedlePickEnv(PSMEnv):
         *xyz("middle"),
         *rpy("middle"),
     )
-    goal_names = xyz("middle")
+    goal_names = xyz("goal_middle")
     mounts = (Mount(start_position=(2.5, 0.25, 3.601)),)
 
     def __init__(self, randomize=True, **kwargs):

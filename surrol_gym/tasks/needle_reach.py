@@ -67,7 +67,7 @@ class NeedleReachEnv(PSMEnv):
     task_description = "Move the closed jaw tips to the point above the needle."
     cameras = CAMERAS
     observation_names = robot_state_names("psm1")
-    goal_names = xyz("tip")
+    goal_names = xyz("goal_tip")
     mounts = (Mount(start_position=(2.5, 0.25, 3.776), turn_step=0.0),)
     has_gripper = False
 

@@ -129,7 +129,7 @@ class NeedleRegraspEnv(PSMEnv):
         *rpy("right"),
     )
     solver_iterations = 20  # a step takes a third less time than with 50, and episodes end the same
-    goal_names = xyz("left")
+    goal_names = xyz("goal_left")
     mounts = (
         Mount(
             start_position=(2.875, 0.225, 3.651),

@@ -86,7 +86,7 @@ class PegTransferEnv(PSMEnv):
         *xyz("wall"),
         *rpy("wall"),
     )
-    goal_names = xyz("block")
+    goal_names = xyz("goal_block")
     mounts = (Mount(start_position=(2.5, 0.25, 3.776), turn_step=np.deg2rad(20)),)
 
     def _build_scene(self):

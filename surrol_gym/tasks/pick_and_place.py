@@ -139,7 +139,7 @@ class PickAndPlaceEnv(PSMEnv):
         *rpy("red_top"),
         *rpy("green_top"),
     )
-    goal_names = (*xyz("red_top"), *xyz("green_top"))
+    goal_names = (*xyz("goal_red_top"), *xyz("goal_green_top"))
     mounts = (Mount(start_position=(2.5, 0.25, 3.601)),)
     goal_tolerance = 0.053
     """Distance of each jack's top from the middle of its pot that is success, su."""

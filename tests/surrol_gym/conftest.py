@@ -1,9 +1,68 @@
 """Fixtures of the simulator's tests. Section numbers in the tests are those of the facts, surrol-facts.md."""
 
+from dataclasses import dataclass, field
+from functools import cache
+
 import gymnasium as gym
 import pytest
 
 import surrol_gym
+
+
+@dataclass
+class Demonstration:
+    """An episode of the expert to the time limit.
+
+    Attributes:
+        observations: What the expert acted upon, and at last what it left.
+        actions: What it did.
+        returned: What each step returned.
+        attached: For each grasp of the environment whether it held its object after each step.
+    """
+
+    observations: list
+    actions: list = field(default_factory=list)
+    returned: list = field(default_factory=list)
+    attached: list = field(default_factory=list)
+
+    @property
+    def successes(self):
+        """Whether each step was a success."""
+        return [info["is_success"] for *_, info in self.returned]
+
+    @property
+    def first(self):
+        """Number of steps to the first success."""
+        return 1 + self.successes.index(True)
+
+    @property
+    def holds(self):
+        """Whether every step after the first success is one, too."""
+        return all(self.successes[self.first :])
+
+
+@pytest.fixture(scope="session")
+def demonstrations():
+    """Demonstrations of a task, by its name, from the seeds 0 to 9; each is played once for all tests."""
+
+    @cache
+    def demonstrations(task):
+        env = gym.make(f"surrol/{task}-v0")
+        expert = surrol_gym.make_expert(env)
+        played = []
+        for seed in range(10):
+            one, truncated = Demonstration([env.reset(seed=seed)[0]]), False
+            while not truncated:
+                one.actions.append(expert.act(one.observations[-1]))
+                one.returned.append(env.step(one.actions[-1]))
+                one.attached.append([grasp.attached for grasps in env.unwrapped.grasps for grasp in grasps])
+                observation, _, _, truncated, _ = one.returned[-1]
+                one.observations.append(observation)
+            played.append(one)
+        env.close()
+        return played
+
+    return demonstrations
 
 
 @pytest.fixture

@@ -24,7 +24,7 @@ def learner(env, **kwargs):
 
 def test_hindsight_relabels_goals_with_our_rewards():
     env = gym.make("surrol/NeedleReach-v0")
-    model = learner(env, learning_starts=100, batch_size=64)
+    model = learner(env, learning_starts=100, batch_size=64, buffer_size=200)
     model.learn(200)
     batch = model.replay_buffer.sample(200)
     achieved, desired = (batch.next_observations[key].numpy() for key in ("achieved_goal", "desired_goal"))

@@ -27,7 +27,11 @@ SIZES = {
     "PickAndPlace": (31, 6, 5, 100),
     "MatchBoard": (20, 3, 5, 100),
 }
-all_tasks = pytest.mark.parametrize("task", surrol_gym.TASKS)
+ONE_ARM, TWO_ARMS = "PegTransfer", "NeedleRegrasp"
+"""What the base class does is tested on these two tasks; whatever differs by task, on all."""
+one_and_two_arms = pytest.mark.parametrize("env", [ONE_ARM, TWO_ARMS], indirect=True)
+made_with_one_and_two_arms = pytest.mark.parametrize("task", [ONE_ARM, TWO_ARMS])
+one_arm = pytest.mark.parametrize("env", [ONE_ARM], indirect=True)
 
 
 # -------------------------------------------------------------------------------------- how the tests record an episode
@@ -52,7 +56,7 @@ def play(env, actions):
 def episode(env, seed, steps=50):
     """Snapshots and actions of an episode of the expert with noise, so that the arm touches things."""
     expert = surrol_gym.make_expert(env)
-    noise = np.random.default_rng(seed).normal(0.0, 0.1, (steps, *env.action_space.shape))
+    noise = np.random.default_rng([seed, 1]).normal(0.0, 0.1, (steps, *env.action_space.shape))
     observation, info = env.reset(seed=seed)
     snapshots, actions = [snapshot(observation, info=info)], []
     for deviation in noise:
@@ -71,7 +75,7 @@ def print_episodes(seed, steps):
 
 
 def random_actions(env, count, seed=0):
-    return np.random.default_rng(seed).uniform(-1, 1, (count, *env.action_space.shape)).astype(np.float32)
+    return np.random.default_rng([seed, 2]).uniform(-1, 1, (count, *env.action_space.shape)).astype(np.float32)
 
 
 @pytest.fixture(scope="module")
@@ -80,25 +84,20 @@ def recorded(env):
     return episode(env, 6, steps=40)
 
 
-@pytest.fixture(scope="module")
-def demonstration(env):
+@pytest.fixture
+def demonstration(env, demonstrations):
     """What ``step`` returned in a whole episode of the expert."""
-    expert = surrol_gym.make_expert(env)
-    observation, _ = env.reset(seed=0)
-    returned = [env.step(expert.act(observation))]
-    while not returned[-1][3]:
-        returned.append(env.step(expert.act(returned[-1][0])))
-    return returned
+    return demonstrations(env.unwrapped.task)[0].returned
 
 
 # ------------------------------------------------------------------------------------------------------ Gymnasium's API
 
 
 @pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize("render_mode", [None, "rgb_array"])
-@all_tasks
-def test_gymnasiums_checker_has_no_complaint(make, task, render_mode):
-    assert check_env(make(task, render_mode=render_mode).unwrapped) is None
+@pytest.mark.parametrize("arguments", [{}, {"render_mode": "rgb_array"}, {"obs_type": "pixels_state"}], ids=str)
+@made_with_one_and_two_arms
+def test_gymnasiums_checker_has_no_complaint(make, task, arguments):
+    assert check_env(make(task, width=32, height=24, **arguments).unwrapped) is None
 
 
 def test_sizes_are_those_of_the_papers_table(env):
@@ -121,6 +120,15 @@ def test_every_number_of_observation_goal_and_action_has_its_own_name(env):
     assert all(len(set(names)) == len(names) for names in named)
 
 
+def test_numbers_of_an_observation_with_the_name_of_a_goals_number_repeat_the_desired_goal(env):
+    observation, _ = env.reset(seed=0)
+    names, goal_names = env.unwrapped.observation_names, env.unwrapped.goal_names
+    repeated = [name for name in names if name in goal_names]
+    assert repeated == (list(goal_names) if env.unwrapped.task == "MatchBoardPanel" else [])
+    for name in repeated:
+        assert observation["observation"][names.index(name)] == observation["desired_goal"][goal_names.index(name)]
+
+
 def test_observations_stay_in_their_space_whatever_the_action(env):
     env.reset(seed=0)
     low, high = env.action_space.low, env.action_space.high
@@ -139,6 +147,7 @@ def test_only_the_time_limit_ends_an_episode(env, demonstration):
     assert ends == [(False, False)] * (limit - 1) + [(False, True)]
 
 
+@one_and_two_arms
 def test_info_says_success_force_and_clipping_at_reset_and_in_every_step(env):
     _, info = env.reset(seed=0)
     infos = [info, *(env.step(action)[4] for action in random_actions(env, 3))]
@@ -151,6 +160,7 @@ def test_info_says_success_force_and_clipping_at_reset_and_in_every_step(env):
         assert info["contact_force"] >= 0
 
 
+@one_and_two_arms
 def test_actions_are_clipped_to_one(env):
     action = random_actions(env, 1)[0]
     for factor in (10, -10):
@@ -160,6 +170,7 @@ def test_actions_are_clipped_to_one(env):
         assert beyond == play(env, [np.clip(factor * action, -1, 1)])
 
 
+@one_arm
 def test_the_action_is_left_as_it_was(env):
     env.reset(seed=0)
     action = 3 * random_actions(env, 1)[0]
@@ -168,6 +179,7 @@ def test_the_action_is_left_as_it_was(env):
     np.testing.assert_array_equal(action, before)
 
 
+@one_arm
 def test_reset_options_make_no_difference(env):
     plain, _ = env.reset(seed=0)
     with_options, _ = env.reset(seed=0, options={"whatever": 1})
@@ -209,7 +221,7 @@ def test_tasks_describe_themselves_in_a_sentence(env):
     assert "\n" not in sentence
 
 
-@all_tasks
+@made_with_one_and_two_arms
 def test_a_spec_makes_the_same_environment_again(make, task):
     original = make(task, render_mode="rgb_array", width=32, height=24)
     original.reset(seed=5)
@@ -238,21 +250,21 @@ def test_the_reward_of_a_step_is_that_of_its_goals(env, demonstration):
         assert env.unwrapped.compute_reward(goal, target, info) == reward
 
 
-@pytest.mark.parametrize("shape", [(1,), (4,), (2, 3), (2, 1, 2), (0,)])
-def test_goal_functions_are_vectorised_over_leading_axes(env, shape):
+def test_goal_functions_are_vectorised_over_leading_axes(env):
     compute = env.unwrapped
     size = SIZES[compute.task][1]
-    rng = np.random.default_rng(0)
-    desired = rng.uniform(2, 4, (*shape, size))
-    achieved = desired + rng.normal(0, 0.01, (*shape, size))
-    reward = compute.compute_reward(achieved, desired, {})
-    terminated = compute.compute_terminated(achieved, desired, {})
-    truncated = compute.compute_truncated(achieved, desired, {})
-    assert reward.shape == terminated.shape == truncated.shape == shape
-    assert not np.any(terminated)
-    assert not np.any(truncated)
-    for index in np.ndindex(shape):
-        assert reward[index] == compute.compute_reward(achieved[index], desired[index], {})
+    for shape in ((1,), (4,), (2, 3), (2, 1, 2), (0,)):
+        rng = np.random.default_rng(0)
+        desired = rng.uniform(2, 4, (*shape, size))
+        achieved = desired + rng.normal(0, 0.01, (*shape, size))
+        reward = compute.compute_reward(achieved, desired, {})
+        terminated = compute.compute_terminated(achieved, desired, {})
+        truncated = compute.compute_truncated(achieved, desired, {})
+        assert reward.shape == terminated.shape == truncated.shape == shape
+        assert not np.any(terminated)
+        assert not np.any(truncated)
+        for index in np.ndindex(shape):
+            assert reward[index] == compute.compute_reward(achieved[index], desired[index], {})
 
 
 @pytest.mark.parametrize("task", ["BiPegBoard", "PickAndPlace"])
@@ -297,6 +309,7 @@ def test_the_same_seed_gives_the_same_bytes_in_another_process_on_a_plainer_proc
     assert ours == [line for line in result.stdout.splitlines() if line.startswith(tasks)]
 
 
+@one_and_two_arms
 def test_the_order_of_resets_does_not_matter(env):
     first = {seed: episode(env, seed, steps=34)[0] for seed in (3, 5)}
     second = {seed: episode(env, seed, steps=34)[0] for seed in (5, 3)}
@@ -324,6 +337,7 @@ def test_an_object_that_was_let_go_does_not_depend_on_earlier_episodes(make, tas
     assert last_observation(used, 30003) == last_observation(fresh, 30003)
 
 
+@one_and_two_arms
 def test_two_environments_in_one_process_do_not_touch(make, env, recorded):
     other = make(env.unwrapped.task)
     env.reset(seed=6)
@@ -333,11 +347,10 @@ def test_two_environments_in_one_process_do_not_touch(make, env, recorded):
         other.step(-action)
 
 
-@all_tasks
-def test_vector_environments_give_the_same_bytes_as_single_ones(make, task):
+def test_vector_environments_give_the_same_bytes_as_single_ones(make):
     """Sync and Async, through the end of an episode and the reset that follows it."""
     seeds, limit = (21, 22), 32
-    single = make(task, max_episode_steps=limit)
+    single = make(TWO_ARMS, max_episode_steps=limit)
     expected, actions = [], []
     for seed in seeds:
         shots, taken = episode(single, seed, limit)
@@ -367,6 +380,7 @@ def global_state():
     return pickle.dumps((np.random.get_state(), random.getstate()))  # noqa: NPY002
 
 
+@one_and_two_arms
 def test_the_global_generators_are_neither_read_nor_advanced(env, recorded):
     np.random.seed(1)  # noqa: NPY002
     random.seed(1)
@@ -375,6 +389,7 @@ def test_the_global_generators_are_neither_read_nor_advanced(env, recorded):
     assert global_state() == before
 
 
+@one_and_two_arms
 def test_a_step_draws_no_random_numbers(env):
     env.reset(seed=0)
     before = env.unwrapped.np_random.bit_generator.state
@@ -399,6 +414,7 @@ def test_an_episode_continues_from_a_saved_state_as_if_never_left(env, recorded)
 
 
 @pytest.mark.parametrize("moment", [0, 30])
+@one_and_two_arms
 def test_a_state_can_be_restored_in_another_environment(make, env, recorded, moment):
     shots, actions = recorded
     env.reset(seed=6)
@@ -410,6 +426,7 @@ def test_a_state_can_be_restored_in_another_environment(make, env, recorded, mom
     assert play(used.unwrapped, actions[moment : moment + 10]) == shots[moment + 1 : moment + 11]
 
 
+@one_and_two_arms
 def test_a_state_can_be_restored_in_an_environment_that_was_never_reset(make, env, recorded):
     shots, actions = recorded
     env.reset(seed=6)
@@ -418,6 +435,7 @@ def test_a_state_can_be_restored_in_an_environment_that_was_never_reset(make, en
     assert play(fresh, actions[:15]) == shots[1:16]
 
 
+@one_and_two_arms
 def test_set_state_returns_the_observation_of_that_moment(env):
     env.reset(seed=0)
     observation = [env.step(action)[0] for action in random_actions(env, 8)][-1]
@@ -426,6 +444,7 @@ def test_set_state_returns_the_observation_of_that_moment(env):
     assert snapshot(env.unwrapped.set_state(state)) == snapshot(observation)
 
 
+@one_and_two_arms
 def test_looking_at_the_state_or_at_a_picture_changes_nothing(env, recorded):
     shots, actions = recorded
     env.reset(seed=6)
@@ -436,6 +455,7 @@ def test_looking_at_the_state_or_at_a_picture_changes_nothing(env, recorded):
         assert play(env, [action]) == [shots[step + 1]]
 
 
+@one_and_two_arms
 def test_a_state_holds_the_random_generator(env):
     env.reset(seed=0)
     state = env.unwrapped.get_state()
@@ -483,10 +503,9 @@ def test_resets_load_nothing(env):
     client = env.unwrapped.world.client
     env.reset(seed=0)
     bodies, constraints = client.getNumBodies(), client.getNumConstraints()
-    for round_ in range(200):
+    for _ in range(20):
         env.reset()
-        if round_ % 10 == 0:
-            play(env, random_actions(env, 2))
+        play(env, random_actions(env, 2))
     episode(env, 0, steps=32)
     env.reset()
     assert (client.getNumBodies(), client.getNumConstraints()) == (bodies, constraints)
@@ -496,6 +515,7 @@ def test_resets_load_nothing(env):
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+@one_and_two_arms
 def test_an_action_that_is_not_finite_is_refused_and_the_episode_goes_on(env, recorded, value):
     shots, actions = recorded
     env.reset(seed=6)
@@ -508,6 +528,7 @@ def test_an_action_that_is_not_finite_is_refused_and_the_episode_goes_on(env, re
 
 
 @pytest.mark.parametrize("extra", [-1, 1])
+@one_and_two_arms
 def test_an_action_of_wrong_size_is_refused_and_the_episode_goes_on(env, recorded, extra):
     shots, actions = recorded
     env.reset(seed=6)
@@ -519,6 +540,7 @@ def test_an_action_of_wrong_size_is_refused_and_the_episode_goes_on(env, recorde
 
 
 @pytest.mark.parametrize("action", [None, 0.0, "up", np.zeros((1, 5)), [[0.0] * 5] * 2])
+@one_arm
 def test_what_is_not_an_action_is_refused(env, action):
     env.reset(seed=0)
     with pytest.raises(ValueError, match="shape|convert"):
@@ -526,19 +548,17 @@ def test_what_is_not_an_action_is_refused(env, action):
 
 
 @pytest.mark.parametrize("method", ["reset", "step", "render", "picture", "get_state", "set_state"])
-@all_tasks
-def test_a_closed_environment_says_so(make, task, method):
-    env = make(task, render_mode="rgb_array")
+def test_a_closed_environment_says_so(make, method):
+    env = make(ONE_ARM, render_mode="rgb_array")
     env.reset(seed=0)
     arguments = {"step": [env.action_space.sample()], "set_state": [env.unwrapped.get_state()]}.get(method, [])
     env.close()
-    with pytest.raises(ClosedEnvironmentError, match=f"{task} environment is closed"):
+    with pytest.raises(ClosedEnvironmentError, match=f"{ONE_ARM} environment is closed"):
         getattr(env.unwrapped, method)(*arguments)
 
 
-@all_tasks
-def test_closing_twice_is_harmless_and_others_live_on(make, task):
-    env, other = make(task), make(task)
+def test_closing_twice_is_harmless_and_others_live_on(make):
+    env, other = make(ONE_ARM), make(ONE_ARM)
     other.reset(seed=0)
     env.close()
     env.close()
@@ -570,13 +590,13 @@ def test_an_unknown_version_is_an_error_that_names_it():
         ("width", None),
     ],
 )
-@all_tasks
-def test_an_unknown_picture_argument_is_an_error_that_names_the_value(make, task, argument, value):
+def test_an_unknown_picture_argument_is_an_error_that_names_the_value(make, argument, value):
     arguments = {"render_mode": "rgb_array", argument: value}
     with pytest.raises(ValueError, match=str(value)):
-        make(task, **arguments)
+        make(ONE_ARM, **arguments)
 
 
+@one_arm
 def test_an_unknown_camera_or_size_of_a_picture_is_an_error_and_the_next_picture_works(env):
     env.reset(seed=0)
     for arguments, named in (
@@ -590,35 +610,31 @@ def test_an_unknown_camera_or_size_of_a_picture_is_an_error_and_the_next_picture
     assert env.unwrapped.picture(width=16, height=8).shape == (8, 16, 3)
 
 
-@all_tasks
-def test_an_unknown_argument_is_an_error_that_names_it(make, task):
+def test_an_unknown_argument_is_an_error_that_names_it(make):
     with pytest.raises(TypeError, match="colour"):
-        make(task, colour="red")
+        make(ONE_ARM, colour="red")
 
 
 # ------------------------------------------------------------------------------------------------------------- pictures
 
 
-@all_tasks
-def test_pictures_are_256_by_256_by_default(make, task):
-    env = make(task, render_mode="rgb_array")
+def test_pictures_are_256_by_256_by_default(make):
+    env = make(ONE_ARM, render_mode="rgb_array")
     env.reset(seed=0)
     picture = env.render()
     assert (picture.shape, picture.dtype) == ((256, 256, 3), np.uint8)
 
 
-@all_tasks
-def test_size_and_camera_of_render_are_arguments(make, task):
-    pictures = []
-    for camera in make(task).unwrapped.cameras:
-        env = make(task, render_mode="rgb_array", camera=camera, width=80, height=60)
+def test_size_and_camera_of_render_are_arguments(make):
+    for camera in ("closeup", "overview"):
+        env = make(ONE_ARM, render_mode="rgb_array", camera=camera, width=80, height=60)
         env.reset(seed=0)
-        pictures.append(env.render())
-        assert pictures[-1].shape == (60, 80, 3)
-        np.testing.assert_array_equal(env.unwrapped.picture(camera, 80, 60), pictures[-1])
-    assert len({picture.tobytes() for picture in pictures}) == len(pictures) > 1
+        picture = env.render()
+        assert picture.shape == (60, 80, 3)
+        np.testing.assert_array_equal(env.unwrapped.picture(camera, 80, 60), picture)
 
 
+@one_arm
 def test_without_a_render_mode_render_is_none_and_picture_still_works(env):
     env.reset(seed=0)
     assert env.unwrapped.render_mode is None
@@ -630,9 +646,8 @@ def test_without_a_render_mode_render_is_none_and_picture_still_works(env):
 @pytest.mark.parametrize(
     ("mode", "kind", "dtype"), [("depth_array", "depth", np.float32), ("segmentation", "segmentation", np.int32)]
 )
-@all_tasks
-def test_depth_and_segmentation_are_render_modes(make, task, mode, kind, dtype):
-    env = make(task, render_mode=mode, width=40, height=30)
+def test_depth_and_segmentation_are_render_modes(make, mode, kind, dtype):
+    env = make(ONE_ARM, render_mode=mode, width=40, height=30)
     env.reset(seed=0)
     picture = env.render()
     assert (picture.shape, picture.dtype) == ((30, 40), dtype)
@@ -652,7 +667,7 @@ def test_the_segmentation_tells_arms_table_and_goal_apart(env):
     assert arms | {"table", "goal"} <= seen
 
 
-@all_tasks
+@made_with_one_and_two_arms
 def test_observations_may_hold_pixels(make, task):
     env = make(task, obs_type="pixels_state", width=32, height=24)
     plain = make(task)
@@ -668,30 +683,24 @@ def test_observations_may_hold_pixels(make, task):
         expected, *_ = plain.step(action)
 
 
-@pytest.mark.filterwarnings("error")
-@all_tasks
-def test_gymnasiums_checker_has_no_complaint_about_pixels(make, task):
-    assert check_env(make(task, obs_type="pixels_state", width=32, height=24).unwrapped) is None
-
-
-def test_pictures_show_more_than_one_colour(env):
+def test_every_camera_shows_another_picture_of_more_than_one_colour(env):
     env.reset(seed=0)
-    for camera in env.unwrapped.cameras:
-        colours = np.unique(env.unwrapped.picture(camera).reshape(-1, 3), axis=0)
-        assert len(colours) > 100
+    pictures = [env.unwrapped.picture(camera) for camera in env.unwrapped.cameras]
+    assert len({picture.tobytes() for picture in pictures}) == len(pictures) > 1
+    for picture in pictures:
+        assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 100
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2])
-def test_the_goal_is_a_red_spot_where_the_camera_should_see_it(env, seed):
-    observation, _ = env.reset(seed=seed)
-    picture = env.unwrapped.picture("closeup").astype(int)
-    red = (picture[..., 0] > 110) & (picture[..., 1:].max(axis=-1) < 0.4 * picture[..., 0])
-    assert red.sum() >= 20
-    row, column = pixel_of(
-        env.unwrapped.cameras["closeup"], observation["desired_goal"][-3:], 256
-    )  # MatchBoardPanel's first is under a lid
-    rows, columns = np.nonzero(red)
-    assert np.hypot(rows - row, columns - column).min() < 3
+def test_the_goal_is_a_red_spot_where_the_camera_should_see_it(env):
+    for seed in range(3):
+        observation, _ = env.reset(seed=seed)
+        picture = env.unwrapped.picture("closeup").astype(int)
+        red = (picture[..., 0] > 110) & (picture[..., 1:].max(axis=-1) < 0.4 * picture[..., 0])
+        assert red.sum() >= 20
+        goal = observation["desired_goal"][-3:]  # MatchBoardPanel's first is under a lid
+        row, column = pixel_of(env.unwrapped.cameras["closeup"], goal, 256)
+        rows, columns = np.nonzero(red)
+        assert np.hypot(rows - row, columns - column).min() < 3
 
 
 def pixel_of(camera, point, size):
@@ -706,6 +715,7 @@ def pixel_of(camera, point, size):
     return size / 2 - focal * (to_point @ up), size / 2 + focal * (to_point @ right)
 
 
+@one_and_two_arms
 def test_pictures_change_with_the_scene_and_only_with_it(env):
     env.reset(seed=0)
     before = env.unwrapped.picture()
@@ -718,6 +728,7 @@ def test_pictures_change_with_the_scene_and_only_with_it(env):
     np.testing.assert_array_equal(env.unwrapped.picture(), before)
 
 
+@one_arm
 def test_a_picture_is_not_overwritten_by_the_next(env):
     env.reset(seed=0)
     picture = env.unwrapped.picture()
@@ -727,9 +738,8 @@ def test_a_picture_is_not_overwritten_by_the_next(env):
     np.testing.assert_array_equal(picture, copy)
 
 
-@all_tasks
-def test_a_window_without_a_display_is_a_clear_error(make, monkeypatch, task):
-    env_class = type(make(task).unwrapped)
+def test_a_window_without_a_display_is_a_clear_error(make, monkeypatch):
+    env_class = type(make(ONE_ARM).unwrapped)
     modes = {**env_class.metadata, "render_modes": ["rgb_array"]}
     monkeypatch.setattr(env_class, "metadata", modes)
     with pytest.raises(ValueError, match="'human' needs a display"):

@@ -195,23 +195,18 @@ def test_a_block_held_above_the_goal_is_no_success(env):
 # -------------------------------------------------------------------------------------------------------------- holding
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_the_block_changes_hands_and_is_never_attached_to_both_arms(env, seed):
+def test_the_block_changes_hands_and_is_never_attached_to_both_arms(demonstrations):
     """Section 2.1: the receiving arm attaches it in the step after the giving arm opened."""
-    expert = surrol_gym.make_expert(env)
-    observation, _ = env.reset(seed=seed)
-    holders, heights = [], []
-    for _ in range(100):
-        action = expert.act(observation)
-        observation, *_ = env.step(action)
-        holders.append((*attached(env), bool(action[9] >= 0)))
-        heights.append(observation["achieved_goal"][2])
-    phases = [holder[:2] for index, holder in enumerate(holders) if index == 0 or holder[:2] != holders[index - 1][:2]]
-    assert phases == [(False, False), (False, True), (False, False), (True, False), (False, False)]
-    given = max(index for index, holder in enumerate(holders) if holder[1]) + 1
-    assert holders[given] == (False, False, True), "held by friction"
-    assert holders[given + 1] == (True, False, True)
-    assert heights[given + 1] == pytest.approx(heights[given - 1], abs=0.01)
+    for episode in demonstrations("BiPegTransfer")[:3]:
+        pairs = zip(episode.attached, episode.actions, strict=True)
+        holders = [(*attached, bool(action[9] >= 0)) for attached, action in pairs]
+        heights = [observation["achieved_goal"][2] for observation in episode.observations[1:]]
+        phases = [holder[:2] for i, holder in enumerate(holders) if i == 0 or holder[:2] != holders[i - 1][:2]]
+        assert phases == [(False, False), (False, True), (False, False), (True, False), (False, False)]
+        given = max(index for index, holder in enumerate(holders) if holder[1]) + 1
+        assert holders[given] == (False, False, True), "held by friction"
+        assert holders[given + 1] == (True, False, True)
+        assert heights[given + 1] == pytest.approx(heights[given - 1], abs=0.01)
 
 
 def test_an_arm_cannot_attach_the_block_that_the_other_holds(env):
@@ -261,17 +256,14 @@ def test_a_held_block_is_part_of_the_state(env, steps):
 # --------------------------------------------------------------------------------------------------------------- expert
 
 
-@pytest.mark.parametrize("seed", range(6))
-def test_the_expert_hands_the_block_over_and_puts_it_on_its_peg(env, seed):
+def test_the_expert_hands_the_block_over_and_puts_it_on_its_peg(demonstrations):
     """Faster than the original's 62 to 87 steps: both arms move at a time, and the first waits where it is needed."""
-    history = run(env, 100, seed=seed)
-    success = [info["is_success"] for _, info in history]
-    first = success.index(True)
-    assert 35 <= first <= 60
-    assert all(success[first:])
-    observation = history[-1][0]
-    assert observation["observation"][[6, 13]].min() > 0.6, "let go"
-    assert observation["achieved_goal"][2] == pytest.approx(REST_HEIGHT, abs=1e-3)
+    for episode in demonstrations("BiPegTransfer"):
+        assert 35 <= episode.first <= 60
+        assert episode.holds
+        observation = episode.observations[-1]
+        assert observation["observation"][[6, 13]].min() > 0.6, "let go"
+        assert observation["achieved_goal"][2] == pytest.approx(REST_HEIGHT, abs=1e-3)
 
 
 def test_the_expert_goes_on_after_the_block_fell_at_the_meeting_point(env):

@@ -193,24 +193,17 @@ def test_psm1_alone_cannot_reach_the_goal(env):
     assert attached(env) == (True, False)
 
 
-@pytest.mark.parametrize("seed", range(8))
-def test_the_expert_succeeds_in_time_and_holds_the_goal(env, seed):
-    expert = surrol_gym.make_expert(env)
-    observation, _ = env.reset(seed=seed)
-    successes, second_held = [], []
-    for _ in range(50):
-        action = expert.act(observation)
-        if action[4] > 0 and not second_held:
-            # PSM1 opens only when the jaws of PSM2 are closed around the needle.
-            assert 0.1 < observation["observation"][13] < 0.3
-        observation, _, _, _, info = env.step(action)
-        successes.append(info["is_success"])
-        if attached(env)[1]:
-            second_held.append(observation["observation"][13])
-    first = successes.index(True)
-    assert 28 <= first + 1 <= 45  # the script of SurRoL: 34 to 47
-    assert all(successes[first:])
-    np.testing.assert_allclose(second_held, 0.18, rtol=0, atol=0.02)
+def test_the_expert_succeeds_in_time_and_holds_the_goal(demonstrations):
+    for episode in demonstrations("NeedleRegrasp"):
+        assert 28 <= episode.first <= 45  # the script of SurRoL: 34 to 47
+        assert episode.holds
+        # PSM1 opens only when the jaws of PSM2 are closed around the needle.
+        opens = next(step for step, action in enumerate(episode.actions) if action[4] > 0)
+        assert 0.1 < episode.observations[opens]["observation"][13] < 0.3
+        held = [step for step, (_, second) in enumerate(episode.attached) if second]
+        jaws = [episode.observations[step + 1]["observation"][13] for step in held]
+        assert min(held) >= opens
+        np.testing.assert_allclose(jaws, 0.18, rtol=0, atol=0.02)
 
 
 # -------------------------------------------------------------------------------------------------------------- holding

@@ -318,17 +318,14 @@ def test_a_held_block_is_part_of_the_state(env, height):
 # --------------------------------------------------------------------------------------------------------------- expert
 
 
-@pytest.mark.parametrize("seed", range(8))
-def test_the_expert_transfers_the_block_and_leaves_it_there(env, seed):
+def test_the_expert_transfers_the_block_and_leaves_it_there(demonstrations):
     """Section 9: first success after 28 to 45 steps; ours is a little faster."""
-    history = run(env, 50, seed=seed)
-    success = [info["is_success"] for _, info in history]
-    first = success.index(True)
-    assert 25 <= first <= 42
-    assert all(success[first:])
-    observation = history[-1][0]
-    assert observation["observation"][6] > 0.6, "let go"
-    assert observation["achieved_goal"][2] == pytest.approx(REST_HEIGHT, abs=1e-3)
+    for episode in demonstrations("PegTransfer"):
+        assert 25 <= episode.first <= 42
+        assert episode.holds
+        observation = episode.observations[-1]
+        assert observation["observation"][6] > 0.6, "let go"
+        assert observation["achieved_goal"][2] == pytest.approx(REST_HEIGHT, abs=1e-3)
 
 
 @pytest.mark.parametrize("euler", [(np.pi / 2, 0, 0.5), (0, np.pi / 2, 0)])

@@ -173,24 +173,17 @@ def test_success_is_within_0_053_of_both_goals(env):
 # -------------------------------------------------------------------------------------------------------------- holding
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_each_jack_is_attached_by_a_grasp_of_its_own_after_a_lift_of_0_025(env, seed):
+def test_each_jack_is_attached_by_a_grasp_of_its_own_after_a_lift_of_0_025(demonstrations):
     """Section 2.1; until then friction alone holds it."""
-    expert = surrol_gym.make_expert(env)
-    observation, _ = env.reset(seed=seed)
-    rest = observation["observation"][[21, 24]]
-    attached = np.zeros((100, 2), dtype=bool)
-    heights = np.zeros((100, 2))
-    for step in range(100):
-        observation, *_ = env.step(expert.act(observation))
-        attached[step] = [grasp.attached for grasp in env.grasps[0]]
-        heights[step] = observation["observation"][[21, 24]] - rest
-    for jack in range(2):
-        first = attached[:, jack].argmax()
-        assert heights[first, jack] > 0.025
-        assert heights[:first, jack].max() <= 0.025
-    assert not attached.all(axis=1).any()
-    assert attached[:, 0].argmax() < attached[:, 1].argmax()
+    for episode in demonstrations("PickAndPlace")[:3]:
+        tops = np.array([observation["observation"][[21, 24]] for observation in episode.observations])
+        attached, heights = np.array(episode.attached), tops[1:] - tops[0]
+        for jack in range(2):
+            first = attached[:, jack].argmax()
+            assert heights[first, jack] > 0.025
+            assert heights[:first, jack].max() <= 0.025
+        assert not attached.all(axis=1).any()
+        assert attached[:, 0].argmax() < attached[:, 1].argmax()
 
 
 def test_the_jaws_hold_the_ball_of_a_jack(env):
@@ -235,17 +228,11 @@ def test_a_held_jack_is_part_of_the_state(env, height, attached):
 # --------------------------------------------------------------------------------------------------------------- expert
 
 
-@pytest.mark.parametrize("seed", range(5))
-def test_the_expert_puts_both_jacks_into_their_pots(env, seed):
+def test_the_expert_puts_both_jacks_into_their_pots(demonstrations):
     """Section 5.9: the original first succeeds at steps 84 to 92."""
-    expert = surrol_gym.make_expert(env)
-    observation, _ = env.reset(seed=seed)
-    successes = []
-    for _ in range(100):
-        observation, _, _, _, info = env.step(expert.act(observation))
-        successes.append(info["is_success"])
-    assert successes[-1]
-    assert 72 <= 1 + successes.index(True) <= 95
+    for episode in demonstrations("PickAndPlace"):
+        assert episode.successes[-1]
+        assert 72 <= episode.first <= 95
 
 
 @pytest.mark.parametrize(
