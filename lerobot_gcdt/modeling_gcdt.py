@@ -119,6 +119,8 @@ class GCDTPolicy(PreTrainedPolicy):
             RuntimeError: The policy was made without a dataset, and the batch holds frames.
             KeyError, ValueError: Windows lack something or do not fit their task.
         """
+        if self.training:
+            self.training_step += 1
         index = batch["index"].to(self.training_step.device)
         windows = STATE in batch and batch[STATE].ndim == 3
         if windows:
@@ -144,7 +146,6 @@ class GCDTPolicy(PreTrainedPolicy):
                 for name, (weight, auxiliary) in self._auxiliary_losses(pieces).items():
                     loss = loss + weight * auxiliary
                     log[name] = auxiliary.item()
-        self.training_step += 1
         return loss, log
 
     def predict_actions(self, sequences: Sequences) -> Tensor:
@@ -345,8 +346,8 @@ class GCDTPolicy(PreTrainedPolicy):
 
     def _training_precision(self):
         device = self.training_step.device.type
-        chosen = {"auto": faster_precision, "bfloat16": lambda _: torch.bfloat16, "float32": lambda _: torch.float32}
-        return torch.autocast(device, torch.bfloat16, enabled=chosen[self.config.dtype](device) == torch.bfloat16)
+        dtype = faster_precision(device) if self.config.dtype == "auto" else getattr(torch, self.config.dtype)
+        return torch.autocast(device, torch.bfloat16, enabled=dtype == torch.bfloat16)
 
     def _full_precision(self):
         # Corrections near a goal are small beside the observations; only the transformer may work in bfloat16.

@@ -390,8 +390,8 @@ def test_what_is_drawn_for_a_batch_follows_from_its_frames_and_the_step(pretrain
 
 def test_every_training_step_counts_and_the_count_is_saved(pretraining, tmp_path):
     batch = {"index": torch.arange(0, 250, 30)}
-    for expected in (1, 2):
-        pretraining.forward(batch)
+    for expected, reduction in ((1, "mean"), (2, "none")):
+        pretraining.forward(batch, reduction)
         assert pretraining.training_step == expected
     pretraining.eval().forward(batch)
     pretraining.save_pretrained(tmp_path)
