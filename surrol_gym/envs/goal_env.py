@@ -48,9 +48,9 @@ class GoalEnv(gym.Env):
     False. ``info`` holds ``is_success``, ``contact_force`` (sum of the normal forces on the arms in the last
     sub-step, kg su / s^2) and ``workspace_clipped`` (whether the action pointed out of the workspace).
 
-    Between a seed and an action of the expert, nothing calls NumPy's transcendental functions, matrix products or
-    ``linalg``, apart from norms along an axis: their last digit depends on the processor, and that of ``math`` does
-    not. So a seed gives the same bytes on every x86-64 processor with FMA (the C library chooses by that, too).
+    Nothing between a seed and an action of the expert calls NumPy's transcendental functions, its products of float
+    matrices or its ``linalg``, apart from norms along an axis: their last digit depends on the processor, and that of
+    ``math`` does not. So a seed gives the same bytes on every x86-64 processor with FMA, which the C library looks for.
 
     Args:
         render_mode: None, ``"rgb_array"``, ``"depth_array"``, ``"segmentation"`` or, on a machine with a display,

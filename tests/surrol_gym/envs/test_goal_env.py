@@ -400,6 +400,7 @@ def test_a_step_draws_no_random_numbers(env):
 # ------------------------------------------------------------------------------------------------- saving and restoring
 
 
+@one_and_two_arms
 def test_an_episode_continues_from_a_saved_state_as_if_never_left(env, recorded):
     """Saved at several moments, restored in another order, once twice, and played on to the end once."""
     shots, actions = recorded
@@ -503,7 +504,7 @@ def test_resets_load_nothing(env):
     client = env.unwrapped.world.client
     env.reset(seed=0)
     bodies, constraints = client.getNumBodies(), client.getNumConstraints()
-    for _ in range(20):
+    for _ in range(5):
         env.reset()
         play(env, random_actions(env, 2))
     episode(env, 0, steps=32)
