@@ -1,0 +1,25 @@
+import runpy
+from pathlib import Path
+
+import pandas as pd
+
+import surrol_gym
+
+ROOT = Path(__file__).parents[2]
+TABLE = runpy.run_path(str(ROOT / "examples/results_table.py"))
+
+
+def test_the_readme_holds_the_table_that_the_script_writes():
+    assert TABLE["BEGIN"] + TABLE["table"]() + TABLE["END"] in (ROOT / "README.md").read_text()
+
+
+def test_every_rate_is_over_the_same_hundred_starts():
+    for _, rows in pd.read_parquet(TABLE["EPISODES"]).groupby("method"):
+        assert set(rows.task) == set(surrol_gym.TASKS)
+        assert all(sorted(seeds) == list(range(100_000, 100_100)) for _, seeds in rows.groupby("task").seed)
+
+
+def test_held_episodes_reached_the_goal():
+    episodes = pd.read_parquet(TABLE["EPISODES"])
+    assert not (episodes.held & ~episodes.reached).any()
+    assert (episodes.reached == episodes.steps.notna()).all()
