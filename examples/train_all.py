@@ -51,6 +51,7 @@ def main():
     parser.add_argument("--launcher", default=f"{shlex.quote(sys.executable)} -m", help="command that runs a module")
     parser.add_argument("options", nargs="*", help="more arguments of lerobot-train, after --")
     options = parser.parse_args()
+    os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # of the trainings; see examples/quickstart.py
     stages = options.stages.split(",")
     unknown = set(stages) - set(STAGES)
     if unknown:
@@ -118,7 +119,7 @@ def train(options: argparse.Namespace, stage: str):
         return
     command = [*shlex.split(options.launcher), "lerobot.scripts.lerobot_train", *arguments]
     print(shlex.join(command), flush=True)
-    subprocess.run(command, check=True, env={"OMP_WAIT_POLICY": "passive"} | os.environ)  # see examples/quickstart.py
+    subprocess.run(command, check=True)
 
 
 if __name__ == "__main__":
