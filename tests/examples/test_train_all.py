@@ -86,6 +86,7 @@ def test_a_stage_starts_from_the_weights_of_the_one_before_it(trained, first, se
         for stage in (first, second)
     )
     assert before.keys() == after.keys()
+    assert after.pop("training_step") > before.pop("training_step")
     # The learning rate is next to nothing.
     assert all((before[key] - after[key]).abs().max() < 1e-6 for key in before)
 
