@@ -1,8 +1,8 @@
 """What the vectors of each task hold: how many numbers, and which numbers of an observation repeat the goal.
 
-Names of features say it for a dataset of one task: where an observation repeats the desired goal ``block_x``, its own
-number is called ``goal_block_x``. In a merged dataset vectors are padded and nameless; a table of its
-tasks stands in the description of ``observation.state``, which LeRobot's split, merge and edit keep.
+Names of features say it for a dataset of one task: a number of the observation that is called like a number of the goal
+repeats it. In a merged dataset vectors are padded and nameless; a table of its tasks stands in the description of
+``observation.state``, which LeRobot's split, merge and edit keep.
 """
 
 from dataclasses import asdict, dataclass, field
@@ -45,9 +45,8 @@ def task_layouts(meta: LeRobotDatasetMetadata) -> dict[str, TaskLayout]:
                 "again with `gcdt merge`."
             )
         sizes = [meta.features[key]["shape"][0] for key in (STATE, GOAL, ACTION)]
-        repeated = [f"goal_{name}" for name in names[GOAL]]
-        known = set(repeated) <= set(names[STATE])
-        layout = TaskLayout(sizes, [names[STATE].index(name) for name in repeated] if known else [])
+        repeated = set(names[GOAL]) <= set(names[STATE])
+        layout = TaskLayout(sizes, [names[STATE].index(name) for name in names[GOAL]] if repeated else [])
         return dict.fromkeys(meta.tasks.index, layout)
     unknown = sorted(set(meta.tasks.index) - set(table))
     if unknown:
