@@ -99,10 +99,10 @@ def _record(options: argparse.Namespace) -> None:
     if options.task and options.task not in surrol_gym.TASKS:
         raise ValueError(f"Unknown task {options.task!r}; choose one of {', '.join(surrol_gym.TASKS)}.")
 
-    from lerobot_gcdt.collection import PUBLISHED_DISTURB, record_all
-    from lerobot_gcdt.features import Extras
-    from lerobot_gcdt.manifest import MANIFEST, write_manifest
     from lerobot_gcdt.recording import record
+    from lerobot_gcdt.recording.collection import PUBLISHED_DISTURB, record_all
+    from lerobot_gcdt.recording.features import Extras
+    from lerobot_gcdt.recording.manifest import MANIFEST, write_manifest
 
     extras = Extras(options.fields, options.cameras, options.camera_size)
     if not options.all:
@@ -119,7 +119,7 @@ def _record(options: argparse.Namespace) -> None:
 
 def _compare(roots: list[Path], manifest: Path) -> None:
     """Says of each dataset whether it holds what the manifest says; exits with status 1 if one does not."""
-    from lerobot_gcdt.manifest import differing_episodes
+    from lerobot_gcdt.recording.manifest import differing_episodes
 
     if not manifest.exists():
         print(f"There is no {manifest}, so the datasets were not compared with the published ones.")
@@ -137,13 +137,13 @@ def _compare(roots: list[Path], manifest: Path) -> None:
 
 
 def _merge(options: argparse.Namespace) -> None:
-    from lerobot_gcdt.merging import merge
+    from lerobot_gcdt.recording import merge
 
     merge(options.datasets, options.root)
 
 
 def _publish(options: argparse.Namespace) -> None:
-    from lerobot_gcdt.hub import publish
+    from lerobot_gcdt.hub.publish import publish
 
     publish(options.folder, options.repo_id, options.private, options.revision_tag, options.dry_run)
 

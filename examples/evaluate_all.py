@@ -15,9 +15,8 @@ import pandas as pd
 from lerobot.configs.policies import PreTrainedConfig
 
 import surrol_gym
-from lerobot_gcdt.evaluation import describe, evaluate
-from lerobot_gcdt.loading import load_policy
-from lerobot_gcdt.surrol_env import env_class
+from lerobot_gcdt.environment.surrol_env import env_class
+from lerobot_gcdt.evaluation import describe, evaluate, load_policy
 from lerobot_gcdt.training import checkpoint
 
 

@@ -22,9 +22,8 @@ import pandas as pd
 from lerobot.scripts import lerobot_train
 from lerobot.utils.logging_utils import MetricsTracker
 
-from lerobot_gcdt.evaluation import describe, evaluate
-from lerobot_gcdt.loading import load_policy
-from lerobot_gcdt.pictures import film, plot_goals, plot_training
+from lerobot_gcdt.evaluation import describe, evaluate, load_policy
+from lerobot_gcdt.evaluation.pictures import film, plot_goals, plot_training
 from lerobot_gcdt.recording import record
 from lerobot_gcdt.training import arguments_to_reach, checkpoint
 

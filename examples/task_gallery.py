@@ -11,7 +11,7 @@ from pathlib import Path
 import gymnasium as gym
 
 import surrol_gym
-from lerobot_gcdt.pictures import halfway
+from lerobot_gcdt.evaluation.pictures import halfway
 
 ROOT = Path(__file__).parent.parent
 PICTURES = Path("examples/tasks")

@@ -22,9 +22,9 @@ import sys
 from pathlib import Path
 
 import surrol_gym
-from lerobot_gcdt.collection import CROSS_TASK
-from lerobot_gcdt.merging import merge
-from lerobot_gcdt.recording import dataset_name
+from lerobot_gcdt.recording import merge
+from lerobot_gcdt.recording.collection import CROSS_TASK
+from lerobot_gcdt.recording.demonstrations import dataset_name
 from lerobot_gcdt.training import arguments_to_reach, checkpoint
 
 SHARED = ("pretrain", "generalist")

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import surrol_gym
 from lerobot_gcdt import GENERALIST
-from lerobot_gcdt.loading import load_policy
-from lerobot_gcdt.pictures import film
+from lerobot_gcdt.evaluation import load_policy
+from lerobot_gcdt.evaluation.pictures import film
 
 
 def main():

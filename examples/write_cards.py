@@ -10,10 +10,11 @@ import argparse
 import json
 from pathlib import Path
 
-from lerobot_gcdt.card_tables import table
-from lerobot_gcdt.cards import card, frames_of, recordings, steps_to_success, success_rate
-from lerobot_gcdt.collection import CROSS_TASK
-from lerobot_gcdt.manifest import MANIFEST
+from lerobot_gcdt.hub.card_tables import table
+from lerobot_gcdt.hub.cards import card, steps_to_success, success_rate
+from lerobot_gcdt.recording.collection import CROSS_TASK
+from lerobot_gcdt.recording.facts import frames_of, recordings
+from lerobot_gcdt.recording.manifest import MANIFEST
 
 CARDS = Path(__file__).parent.parent / "dataset_cards"
 PICTURES = "../examples/tasks"

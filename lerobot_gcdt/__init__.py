@@ -1,18 +1,31 @@
 """The goal-conditioned decision transformer and the SurRoL environments as LeRobot plugins.
 
-Importing the package registers the policy type ``gcdt`` and the environment type ``surrol``.
+Importing the package registers the policy types ``gcdt`` and ``bc``, and the environment type ``surrol`` where PyBullet
+is installed; policies are trained and loaded without it.
 """
 
 from pathlib import Path
 
-import surrol_gym  # noqa: F401 (registers the environment ids)
 from lerobot_gcdt.baselines.modeling_bc import BCPolicy
-from lerobot_gcdt.configuration_gcdt import GCDTConfig
-from lerobot_gcdt.modeling_gcdt import GCDTPolicy
-from lerobot_gcdt.processor_gcdt import make_gcdt_pre_post_processors
-from lerobot_gcdt.surrol_env import SurRoLEnvConfig
+from lerobot_gcdt.policy.configuration_gcdt import GCDTConfig
+from lerobot_gcdt.policy.modeling_gcdt import GCDTPolicy
+from lerobot_gcdt.policy.processor_gcdt import make_gcdt_pre_post_processors
 
 GENERALIST = Path(__file__).parent / "generalist"
 """Checkpoint that comes with the package, for ``GCDTPolicy.from_pretrained``: one policy for all ten tasks."""
 
-__all__ = ["GENERALIST", "BCPolicy", "GCDTConfig", "GCDTPolicy", "SurRoLEnvConfig", "make_gcdt_pre_post_processors"]
+__all__ = ["GENERALIST", "BCPolicy", "GCDTConfig", "GCDTPolicy", "make_gcdt_pre_post_processors"]
+
+try:
+    from lerobot_gcdt.environment.surrol_env import SurRoLEnvConfig  # noqa: F401
+except ModuleNotFoundError as error:
+    if error.name != "pybullet":
+        raise
+else:
+    __all__ += ["SurRoLEnvConfig"]
+
+
+def __getattr__(name):
+    if name == "SurRoLEnvConfig":
+        raise ImportError("The environment type surrol needs PyBullet, which is not installed: `pip install pybullet`.")
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -6,8 +6,8 @@ from lerobot.configs.policies import PreTrainedConfig
 from lerobot.optim.optimizers import AdamWConfig
 from lerobot.optim.schedulers import CosineDecayWithWarmupSchedulerConfig
 
+from lerobot_gcdt.data.single_frames import SingleFrames
 from lerobot_gcdt.errors import OptionError
-from lerobot_gcdt.single_frames import SingleFrames
 
 
 @PreTrainedConfig.register_subclass("bc")

@@ -7,11 +7,10 @@ from lerobot.policies.pretrained import PreTrainedPolicy
 from torch import Tensor, nn
 
 from lerobot_gcdt.baselines.configuration_bc import BCConfig
+from lerobot_gcdt.data.statistics import mean_and_std, mean_of_each
+from lerobot_gcdt.data.task_layouts import task_layouts
+from lerobot_gcdt.data.trajectories import TrajectoryBank
 from lerobot_gcdt.keys import ACHIEVED_GOAL, ACTION, GOAL, STATE
-from lerobot_gcdt.objectives import mean_of_each
-from lerobot_gcdt.task_layouts import task_layouts
-from lerobot_gcdt.tokens import SMALLEST_STD
-from lerobot_gcdt.trajectories import TrajectoryBank
 
 
 class BCPolicy(PreTrainedPolicy):
@@ -49,9 +48,9 @@ class BCPolicy(PreTrainedPolicy):
         if self._bank is not None:
             starts = self._bank.training_starts(0)
             seen = self._bank.sequences(self._bank.pieces(starts, 1)).items
-            std, mean = torch.std_mean(self._inputs({key: value[:, 0] for key, value in seen.items()}), dim=0)
+            mean, std = mean_and_std(self._inputs({key: value[:, 0] for key, value in seen.items()}))
             self.mean.copy_(mean)
-            self.std.copy_(std.clamp(min=SMALLEST_STD))
+            self.std.copy_(std)
 
     def forward(self, batch: dict[str, Tensor], reduction: str = "mean") -> tuple[Tensor, dict[str, float]]:
         """Computes the mean squared error of the actions.

@@ -13,11 +13,12 @@ import torch
 from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
-from lerobot_gcdt import GCDTConfig, GCDTPolicy
 from lerobot_gcdt.keys import ACHIEVED_GOAL, GOAL, REQUIRED_KEYS, STATE
-from lerobot_gcdt.precision import faster_precision
+from lerobot_gcdt.policy.configuration_gcdt import GCDTConfig
+from lerobot_gcdt.policy.modeling_gcdt import GCDTPolicy
+from lerobot_gcdt.policy.precision import faster_precision
+from lerobot_gcdt.policy.tokens import ORDER
 from lerobot_gcdt.recording import record
-from lerobot_gcdt.tokens import ORDER
 
 BATCH, WINDOW = 8, 50
 """Episodes of a training step; steps of context in the comparison with LeRobot's loader."""

@@ -13,8 +13,7 @@ from lerobot.scripts import lerobot_train
 from safetensors.torch import load_file
 
 import surrol_gym
-from lerobot_gcdt.merging import merge
-from lerobot_gcdt.recording import record
+from lerobot_gcdt.recording import merge, record
 
 SCRIPT = Path(__file__).parents[2] / "examples" / "train_all.py"
 TINY = ["--policy.layers=1", "--policy.width=16", "--policy.heads=2", "--policy.inner_width=16"]

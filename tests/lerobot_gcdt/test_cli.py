@@ -10,7 +10,7 @@ import pytest
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
 import gcdt_cli as cli
-from lerobot_gcdt.features import FIELDS, Extras
+from lerobot_gcdt.recording.features import FIELDS, Extras
 
 GCDT = Path(sys.executable).parent / "gcdt"
 
@@ -38,7 +38,9 @@ def test_the_example_in_the_help_is_a_valid_command(capsys, monkeypatch):
 
 def test_all_published_datasets_are_recorded_with_their_settings(capsys, monkeypatch):
     calls = []
-    monkeypatch.setattr("lerobot_gcdt.collection.record_all", lambda *arguments: calls.append(arguments) or [])
+    monkeypatch.setattr(
+        "lerobot_gcdt.recording.collection.record_all", lambda *arguments: calls.append(arguments) or []
+    )
     example = " ".join(help_of(["record"], capsys).split()).split("published datasets: gcdt ")[1]
     cli.main(example.split())
     assert calls == [("datasets", 100, 0, 0.3, Extras(), None)]
@@ -106,7 +108,7 @@ def test_the_help_names_all_fields(capsys):
 
 def test_an_expert_that_fails_ends_with_one_line(tmp_path, monkeypatch):
     failed = {"success": np.zeros(1, dtype=bool)}
-    monkeypatch.setattr("lerobot_gcdt.recording.run_episode", lambda *arguments: failed)
+    monkeypatch.setattr("lerobot_gcdt.recording.demonstrations.run_episode", lambda *arguments: failed)
     with pytest.raises(SystemExit) as end:
         cli.main(["record", "--task", "NeedleReach", "--root", str(tmp_path / "reach")])
     assert "times in a row" in end.value.code and "\n" not in end.value.code

@@ -1,4 +1,4 @@
-"""LeRobot finds the plugin without flags, and the simulator stands without LeRobot."""
+"""LeRobot finds the plugin without flags; the simulator stands without LeRobot, and the policies without PyBullet."""
 
 import json
 import subprocess
@@ -13,7 +13,7 @@ import surrol_gym
 
 def run(code: str) -> dict:
     """Runs code in a new interpreter; it prints JSON in its last line."""
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=600)
     assert done.returncode == 0, done.stderr[-3000:]
     return json.loads(done.stdout.splitlines()[-1])
 
@@ -89,3 +89,53 @@ print(json.dumps(sorted({name.partition(".")[0] for name in sys.modules})))
 """)
     assert "surrol_gym" in loaded
     assert not {"torch", "lerobot", "lerobot_gcdt", "datasets"} & set(loaded)
+
+
+@pytest.fixture(scope="module")
+def without_pybullet(needle_pick_root):
+    """What works in a process in which PyBullet cannot be imported."""
+    return run(f"""
+import json, sys
+sys.modules["pybullet"] = None  # so an import fails as if it was not installed
+import lerobot_gcdt, lerobot_policy_gcdt
+import torch
+from lerobot.datasets.lerobot_dataset import LeRobotDataset
+from lerobot.policies.factory import get_policy_class, make_pre_post_processors
+
+dataset = LeRobotDataset("local/needle_pick", root={str(needle_pick_root)!r}, video_backend="pyav")
+batch = torch.utils.data.default_collate([dataset[i] for i in (0, 60)])
+trained = {{}}
+for kind, sizes in (("gcdt", {{"layers": 1, "width": 16, "heads": 2, "inner_width": 16}}), ("bc", {{}})):
+    policy_class = get_policy_class(kind)
+    config = policy_class.config_class(**sizes, device="cpu", push_to_hub=False)
+    policy = policy_class(config, dataset_meta=dataset.meta).train()
+    before = [parameter.clone() for parameter in policy.parameters()]
+    optimizer = torch.optim.SGD(policy.parameters(), lr=0.1)
+    preprocessor, _ = make_pre_post_processors(config)
+    policy(preprocessor(batch))[0].backward()
+    optimizer.step()
+    trained[kind] = any(not torch.equal(a, b) for a, b in zip(before, policy.parameters()))
+try:
+    lerobot_gcdt.SurRoLEnvConfig
+except ImportError as error:
+    refused = str(error)
+print(json.dumps({{
+    "trained": trained,
+    "refused": refused,
+    "exported": lerobot_gcdt.__all__,
+    "tasks": len(lerobot_gcdt.GCDTPolicy.from_pretrained(lerobot_gcdt.GENERALIST).config.task_dims),
+}}))
+""")
+
+
+def test_policies_train_without_pybullet(without_pybullet):
+    assert without_pybullet["trained"] == {"gcdt": True, "bc": True}
+
+
+def test_the_built_in_policy_loads_without_pybullet(without_pybullet):
+    assert without_pybullet["tasks"] == len(surrol_gym.TASKS)
+
+
+def test_without_pybullet_the_environment_type_is_refused_with_the_reason(without_pybullet):
+    assert "SurRoLEnvConfig" not in without_pybullet["exported"]
+    assert "PyBullet" in without_pybullet["refused"]

@@ -6,8 +6,8 @@ import pytest
 
 import surrol_gym
 from lerobot_gcdt import GENERALIST, GCDTPolicy
-from lerobot_gcdt.checks import check_card, check_checkpoint
 from lerobot_gcdt.evaluation import evaluate
+from lerobot_gcdt.hub.checks import check_card, check_checkpoint
 
 
 @pytest.fixture(scope="module")

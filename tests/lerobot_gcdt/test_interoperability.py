@@ -14,9 +14,9 @@ from lerobot.policies.factory import get_policy_class, make_pre_post_processors
 from lerobot.scripts import lerobot_dataset_viz, lerobot_edit_dataset, lerobot_eval
 
 from lerobot_gcdt import SurRoLEnvConfig, evaluation
-from lerobot_gcdt.features import Extras
-from lerobot_gcdt.loading import load_policy
+from lerobot_gcdt.evaluation import load_policy
 from lerobot_gcdt.recording import record
+from lerobot_gcdt.recording.features import Extras
 
 ON_CPU = ["--policy.device=cpu", "--policy.push_to_hub=false"]
 SMALL = {

@@ -10,7 +10,7 @@ from lerobot.policies.factory import get_policy_class
 from lerobot_gcdt import BCPolicy
 from lerobot_gcdt.baselines.configuration_bc import BCConfig
 from lerobot_gcdt.errors import OptionError
-from lerobot_gcdt.trajectories import ACHIEVED_GOAL, GOAL, STATE
+from lerobot_gcdt.keys import ACHIEVED_GOAL, GOAL, STATE
 
 
 @pytest.fixture

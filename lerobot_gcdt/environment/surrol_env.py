@@ -1,0 +1,164 @@
+"""The SurRoL tasks as LeRobot's environment type ``surrol``."""
+
+from dataclasses import dataclass, field
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.envs.registration import load_env_creator
+from lerobot.configs.types import FeatureType, PolicyFeature
+from lerobot.envs.configs import EnvConfig
+from lerobot.envs.utils import freeze_after_episode_end
+from lerobot.processor import PolicyProcessorPipeline
+from lerobot.processor.pipeline import ObservationProcessorStep, ProcessorStepRegistry
+
+import surrol_gym
+from lerobot_gcdt.errors import OptionError
+from lerobot_gcdt.keys import ACHIEVED_GOAL, ACTION, ENVIRONMENT_STATE, GOAL, STATE, image_key
+from surrol_gym.envs.psm_env import PSMEnv
+
+
+def env_class(env_id: str) -> type[PSMEnv]:
+    """Returns the class of an environment, which knows its names, sizes and cameras without being made."""
+    return load_env_creator(gym.spec(env_id).entry_point)
+
+
+class CameraPictures(gym.ObservationWrapper):
+    """Adds pictures to the observations: ``pixels``, a dictionary of one of shape (size, size, 3) for each camera.
+
+    Args:
+        env: An environment of ``surrol_gym``.
+        cameras: Names of its cameras.
+        size: Width and height, pixels.
+    """
+
+    def __init__(self, env: gym.Env, cameras: list[str], size: int):
+        super().__init__(env)
+        self._cameras, self._size = cameras, size
+        picture = gym.spaces.Box(0, 255, (size, size, 3), np.uint8)
+        pixels = gym.spaces.Dict(dict.fromkeys(cameras, picture))
+        self.observation_space = gym.spaces.Dict({**env.observation_space.spaces, "pixels": pixels})
+
+    def observation(self, observation):
+        """Adds the pictures of this moment."""
+        picture = self.unwrapped.picture
+        return observation | {"pixels": {camera: picture(camera, self._size, self._size) for camera in self._cameras}}
+
+
+@ProcessorStepRegistry.register(name="surrol_observations")
+class SurRoLObservations(ObservationProcessorStep):
+    """Gives the observations of a goal environment the names that our datasets use.
+
+    The desired goal appears twice: as ``observation.goal``, and as ``observation.environment_state``, where LeRobot's
+    own policies look for it.
+    """
+
+    def observation(self, observation):
+        """Renames ``observation.observation`` and ``observation.desired_goal``."""
+        renamed = dict(observation)
+        renamed[STATE] = renamed.pop("observation.observation")
+        renamed[GOAL] = renamed[ENVIRONMENT_STATE] = renamed.pop("observation.desired_goal")
+        return renamed
+
+    def transform_features(self, features):
+        """Features of the environment configuration already have their final names."""
+        return features
+
+
+@EnvConfig.register_subclass("surrol")
+@dataclass
+class SurRoLEnvConfig(EnvConfig):
+    """Environment type ``surrol``: ``--env.type=surrol --env.task=NeedlePick-v0``.
+
+    Attributes:
+        task: Version and name of a task without its namespace, or several of them separated by commas.
+        fps: Control steps a second.
+        camera: Camera of the rendered pictures.
+        width: Width of the rendered pictures, pixels.
+        height: Height of the rendered pictures, pixels.
+        cameras: Cameras that policies see as ``observation.images.<camera>``, separated by commas, as in
+            ``gcdt record --cameras``.
+        camera_size: Width and height of what they see, pixels.
+
+    Raises:
+        OptionError: A task is not registered, or does not have one of ``cameras``.
+    """
+
+    task: str = "NeedlePick-v0"
+    fps: int = 5
+    features: dict[str, PolicyFeature] = field(default_factory=dict)
+    features_map: dict[str, str] = field(default_factory=dict)
+    camera: str = "closeup"
+    width: int = 256
+    height: int = 256
+    cameras: str = ""
+    camera_size: int = 128
+
+    def __post_init__(self):
+        known = [f"{task}-v0" for task in surrol_gym.TASKS]
+        for task in self._tasks():
+            if task not in known:
+                raise OptionError(f"env.task must be among {known} or a comma-separated list of them, got {task!r}.")
+            has = sorted(env_class(f"surrol/{task}").cameras)
+            if not set(self._cameras()) <= set(has):
+                raise OptionError(f"{task} has the cameras {', '.join(has)}; got env.cameras={self.cameras}.")
+        if self.camera_size < 1:
+            raise OptionError(f"env.camera_size must be positive, got {self.camera_size}.")
+        env = env_class(self.gym_id)
+        self.features = {
+            ACTION: PolicyFeature(FeatureType.ACTION, (len(env.action_names),)),
+            STATE: PolicyFeature(FeatureType.STATE, (len(env.observation_names),)),
+            GOAL: PolicyFeature(FeatureType.STATE, (len(env.goal_names),)),
+            ACHIEVED_GOAL: PolicyFeature(FeatureType.STATE, (len(env.goal_names),)),
+            ENVIRONMENT_STATE: PolicyFeature(FeatureType.ENV, (len(env.goal_names),)),
+        }
+        picture = PolicyFeature(FeatureType.VISUAL, (self.camera_size, self.camera_size, 3))
+        self.features |= {image_key(camera): picture for camera in self._cameras()}
+        self.features_map = {key: key for key in self.features}
+
+    @property
+    def package_name(self) -> str:
+        """The package that registers the environment ids."""
+        return "surrol_gym"
+
+    @property
+    def gym_id(self) -> str:
+        """The id of the first task."""
+        return f"surrol/{self._tasks()[0]}"
+
+    @property
+    def gym_kwargs(self) -> dict:
+        """Arguments of the environments."""
+        return {"render_mode": "rgb_array", "camera": self.camera, "width": self.width, "height": self.height}
+
+    def create_envs(self, n_envs: int, use_async_envs: bool = False) -> dict[str, dict[int, gym.vector.VectorEnv]]:
+        """Makes one vector environment a task.
+
+        Args:
+            n_envs: Environments in each.
+            use_async_envs: Whether they run in processes of their own.
+
+        Returns:
+            ``{task: {0: vector environment}}``.
+        """
+        return {task: {0: self._create(task, n_envs, use_async_envs and n_envs > 1)} for task in self._tasks()}
+
+    def get_env_processors(self):
+        """Returns the pipelines that rename the observations and leave the actions alone."""
+        return PolicyProcessorPipeline(steps=[SurRoLObservations()]), PolicyProcessorPipeline(steps=[])
+
+    def _tasks(self) -> list[str]:
+        return [task.strip() for task in self.task.split(",")]
+
+    def _cameras(self) -> list[str]:
+        return [camera.strip() for camera in self.cameras.split(",") if camera.strip()]
+
+    def _create(self, task: str, n_envs: int, use_async_envs: bool) -> gym.vector.VectorEnv:
+        def make():
+            env = gym.make(f"surrol_gym:surrol/{task}", disable_env_checker=True, **self.gym_kwargs)
+            return CameraPictures(env, self._cameras(), self.camera_size) if self.cameras else env
+
+        makers = [freeze_after_episode_end(make)] * n_envs
+        mode = gym.vector.AutoresetMode.NEXT_STEP
+        if use_async_envs:
+            return gym.vector.AsyncVectorEnv(makers, context="forkserver", autoreset_mode=mode)
+        return gym.vector.SyncVectorEnv(makers, autoreset_mode=mode)

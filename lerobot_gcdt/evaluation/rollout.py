@@ -1,0 +1,142 @@
+"""Evaluation: policies, tasks and seeds in, one row an episode out."""
+
+from collections.abc import Callable, Iterable
+
+import gymnasium as gym
+import numpy as np
+import pandas as pd
+import torch
+from lerobot.configs.types import NormalizationMode
+from lerobot.envs.utils import preprocess_observation
+from lerobot.policies.pretrained import PreTrainedPolicy
+from lerobot.utils.constants import OBS_IMAGES
+from tqdm import tqdm
+
+import surrol_gym
+from lerobot_gcdt.environment.surrol_env import CameraPictures, SurRoLObservations
+
+
+def evaluate(policy, tasks: Iterable[str], seeds: Iterable[int], batch_size: int = 25) -> pd.DataFrame:
+    """Runs a policy from seeded starts, every episode to its time limit.
+
+    Args:
+        policy: As ``lerobot_gcdt.evaluation.load_policy`` returns it, or anything else with LeRobot's ``reset()`` and
+            ``select_action(batch)`` that takes observations and returns actions as they are, without normalisation.
+        tasks: Names of tasks, of ``surrol_gym.TASKS``.
+        seeds: Seed of the reset of each episode; the same for every task.
+        batch_size: Episodes that run side by side. It has no influence on their outcome beyond rounding.
+
+    Returns:
+        A row an episode: ``task``, ``seed``, ``reached`` (success at any step), ``held`` (success at the last step),
+        ``steps`` (to the first success, NaN without one), and ``achieved_goal`` and ``desired_goal`` at the end (lists,
+        su).
+
+    Raises:
+        ValueError: A task is unknown, there are no seeds, the batch size is not positive, or the policy needs its
+            processors.
+    """
+    tasks, seeds = list(tasks), list(seeds)
+    unknown = set(tasks) - set(surrol_gym.TASKS)
+    if unknown or not seeds:
+        raise ValueError(
+            f"Cannot evaluate {sorted(unknown) or 'without seeds'}; tasks are {', '.join(surrol_gym.TASKS)}."
+        )
+    if batch_size < 1:
+        raise ValueError(f"batch_size must be positive, got {batch_size}.")
+    rows = []
+    with tqdm(total=len(tasks) * len(seeds), desc="Evaluating", unit="episode") as bar:
+        for task in tasks:
+            for start in range(0, len(seeds), batch_size):
+                batch = seeds[start : start + batch_size]
+                success, last = rollout(policy, task, batch)
+                for i, seed in enumerate(batch):
+                    reached = success[:, i].any()
+                    rows.append(
+                        {
+                            "task": task,
+                            "seed": seed,
+                            "reached": bool(reached),
+                            "held": bool(success[-1, i]),
+                            "steps": np.argmax(success[:, i]) + 1.0 if reached else np.nan,
+                            "achieved_goal": last["achieved_goal"][i].tolist(),
+                            "desired_goal": last["desired_goal"][i].tolist(),
+                        }
+                    )
+                bar.update(len(batch))
+    return pd.DataFrame(rows)
+
+
+def rollout(
+    policy, task: str, seeds: list[int], watch: Callable[[gym.vector.VectorEnv], None] | None = None, **options
+) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Runs one episode a seed, side by side, to the time limit.
+
+    Args:
+        policy: As ``evaluate`` takes it.
+        task: Name of the task.
+        seeds: Seed of the reset of each episode.
+        watch: Called with the vector environment before the first step and after each.
+        **options: Arguments of ``gym.make``.
+
+    Returns:
+        Success after each step, booleans (T, B), and the last observation, arrays (B, size).
+
+    Raises:
+        ValueError: The policy needs its processors.
+    """
+    if isinstance(policy, PreTrainedPolicy) and _normalises(policy.config):
+        raise ValueError(
+            f"A bare {type(policy).__name__} takes and returns normalised numbers, so its actions would be wrong; "
+            "pass lerobot_gcdt.evaluation.load_policy(its checkpoint), which adds its processors."
+        )
+    env_id = f"surrol/{task}-v0"
+    pictures = getattr(getattr(policy, "config", None), "image_features", {})
+
+    def make():
+        env = gym.make(env_id, disable_env_checker=True, **options)
+        if not pictures:
+            return env
+        [size] = {feature.shape[-1] for feature in pictures.values()}
+        return CameraPictures(env, [key.removeprefix(f"{OBS_IMAGES}.") for key in pictures], size)
+
+    envs = gym.vector.SyncVectorEnv([make] * len(seeds))
+    try:
+        sentence = envs.get_attr("task_description")[0]
+        observation, _ = envs.reset(seed=seeds)
+        policy.reset()
+        success = []
+        for _ in range(gym.spec(env_id).max_episode_steps):
+            if watch:
+                watch(envs)
+            with torch.no_grad():
+                action = policy.select_action(observation_batch(policy, observation, sentence))
+            observation, _, _, _, info = envs.step(action.cpu().numpy())
+            success.append(info["is_success"])
+        if watch:
+            watch(envs)
+    finally:
+        envs.close()
+    return np.stack(success), observation
+
+
+def _normalises(config) -> bool:
+    """Whether a policy leaves normalisation to its processors."""
+    return any(mode is not NormalizationMode.IDENTITY for mode in config.normalization_mapping.values())
+
+
+def observation_batch(policy, observation: dict[str, np.ndarray], sentence: str) -> dict:
+    """Turns a batched observation of a ``surrol/`` environment into what LeRobot's policies take.
+
+    Args:
+        policy: The policy; the tensors go to the device of its configuration, if it has one.
+        observation: Arrays of shape (B, size), as vector environments give them.
+        sentence: The environment's ``task_description``.
+
+    Returns:
+        ``observation.*`` tensors and ``task``, a sentence for each row.
+    """
+    device = getattr(getattr(policy, "config", None), "device", "cpu")
+    batch = SurRoLObservations().observation(preprocess_observation(observation))
+    return {key: value.to(device) for key, value in batch.items()} | {
+        "task": [sentence] * len(observation["observation"])
+    }

@@ -1,0 +1,311 @@
+"""The card of a dataset: what every number means, how it was made, how often the expert succeeded.
+
+A card is a function of the facts of a recording and of the docstring of its environment, so it cannot drift from them.
+The manifest keeps the facts of the published datasets, whose cards can thus be written without the data.
+"""
+
+import textwrap
+from dataclasses import asdict
+from pathlib import Path
+
+import gymnasium as gym
+from huggingface_hub import DatasetCardData
+
+from lerobot_gcdt.environment.surrol_env import env_class
+from lerobot_gcdt.hub.card_tables import number_tables, other_keys, table
+from lerobot_gcdt.hub.docstrings import sections
+from lerobot_gcdt.recording.demonstrations import PUSH_RATE, PUSH_RATE_SLOW, dataset_name
+from lerobot_gcdt.recording.facts import card_facts, frames_of, recordings, task_of
+from lerobot_gcdt.recording.features import NO_EXTRAS
+from lerobot_gcdt.recording.merging import PADDED_SIZES
+
+PICTURES = "pictures"
+"""Folder of a published dataset that holds a picture of each task."""
+
+SIZES = ("n<1K", "1K<n<10K", "10K<n<100K", "100K<n<1M", "1M<n<10M", "10M<n<100M")
+"""The Hub's words for less than a thousand frames, and for up to ten times as many each."""
+
+CITATION = """\
+Xu et al., "SurRoL: An Open-source Reinforcement Learning Centered and dVRK Compatible Platform for Surgical Robot
+Learning", IROS 2021. Fu et al., "Multi-objective Cross-task Learning via Goal-conditioned GPT-based Decision
+Transformers for Surgical Robot Task Automation", ICRA 2024."""
+"""Of the tasks and of the method."""
+
+CARD = """\
+---
+{data}
+---
+
+# {title}
+
+{summary}
+
+{body}
+
+## How to use it
+
+```python
+from lerobot.datasets.lerobot_dataset import LeRobotDataset
+
+dataset = LeRobotDataset("{repo_id}")
+```
+
+With the plugin `lerobot-policy-gcdt` installed:
+
+```bash
+lerobot-train --policy.type=gcdt --policy.push_to_hub=false --dataset.repo_id={repo_id} \\
+  {stage}--batch_size=4 --num_workers=0 --output_dir=outputs/{title}
+```
+
+## Limits
+
+{limits}
+
+## Licence and citation
+
+Apache-2.0. Please cite the tasks and the method:
+
+{citation}
+"""
+
+BODY = """\
+![{task}, the expert half way]({picture})
+
+## The task
+
+{description}
+
+**Reward.** {reward}
+
+**Start.** {start}
+
+## How it was made
+
+```bash
+{commands}
+```
+
+{expert}
+
+{pushes}
+
+## What the numbers mean
+
+{frames}
+
+{numbers}
+
+### Other keys
+
+{others}"""
+
+MERGED_BODY = """\
+{tasks}
+
+## How it was made
+
+```bash
+{commands}
+```
+
+The experts are feedback laws that read from the observation what to do next; attempts that failed are left out. Every
+episode goes on to the time limit of its task. `gcdt record --all --root datasets` makes all of the published datasets.
+
+{pushes}
+
+## What the numbers mean
+
+{frames}
+
+{padding}
+
+{others}
+
+{numbers}"""
+
+FRAMES = """\
+Positions are in the world frame, whose x axis points from the robot towards the camera and whose z axis points up, in
+scaled units: 1 su = 0.2 m. Angles are radians. A frame holds what was observed before a step of 0.2 s, the action and
+its outcome. Numbers of an action lie in [-1, 1]; a disturbance is added to it, in the same units.
+`observation.achieved_goal` is the achieved goal and `observation.goal` the desired one, which
+`observation.environment_state` repeats, because LeRobot's own policies look for it there."""
+
+REPLAY = """\
+`meta/surrol.json` keeps the seed of every episode, which replays it:
+
+```python
+env = gymnasium.make({env_id})  # after `import surrol_gym`
+env.reset(seed=seed)
+env.step(action + disturbance)  # of each frame
+```"""
+
+
+def dataset_card(root: Path, repo_id: str | None = None) -> str:
+    """Writes the card of a dataset of ``gcdt record`` or ``gcdt merge``.
+
+    Args:
+        root: Folder of the dataset.
+        repo_id: Repository that it is published as; None for the name of the folder.
+
+    Returns:
+        Markdown with YAML front matter. It shows ``pictures/<task>.png`` of each task.
+    """
+    return card(card_facts(root), repo_id or f"user/{root.name}", PICTURES)
+
+
+def card(facts: dict, repo_id: str, pictures: str) -> str:
+    """Writes a card.
+
+    Args:
+        facts: What ``card_facts`` returns.
+        repo_id: Repository that the card names.
+        pictures: Folder of the pictures of the tasks, seen from the card.
+
+    Returns:
+        Markdown with YAML front matter.
+    """
+    parts, merged, name = recordings(facts), "merged_from" in facts, repo_id.split("/")[-1]
+    episodes, frames = sum(part["episodes"] for part in parts), sum(map(frames_of, parts))
+    experts = f"experts of {len(parts)} tasks" if merged else f"expert of `{facts['env_id']}`"
+    told = "" if merged else f' The task in a sentence: "{env_class(facts["env_id"]).task_description}"'
+    return CARD.format(
+        data=_metadata("cross-task" if merged else task_of(facts), frames).to_yaml(),
+        title=name,
+        summary=_fill(
+            f"{episodes:,} demonstrations by the scripted {experts}, after SurRoL, in simulation: {frames:,} frames, 5 "
+            f"a second, as a dataset of [LeRobot](https://github.com/huggingface/lerobot).{told}"
+        ),
+        body=(_merged_body if merged else _body)(facts, name, pictures),
+        repo_id=repo_id,
+        stage="--policy.training_stage=pretrain --steps=20000 " if merged else "--steps=1000 ",
+        limits="\n".join(textwrap.fill(f"* {limit}", 120, subsequent_indent="  ") for limit in _limits(parts)),
+        citation=CITATION,
+    )
+
+
+def recording_commands(facts: dict, root: str) -> list[str]:
+    """Returns the commands that make a dataset in the folder ``root``, by what ``meta/surrol.json`` says of it."""
+    if "merged_from" in facts:
+        parts = {f"datasets/{dataset_name(task_of(part))}": part for part in recordings(facts)}
+        made = [command for folder, part in parts.items() for command in recording_commands(part, folder)]
+        return [*made, " \\\n  ".join(["gcdt merge", *parts, f"--root {root}"])]
+    options = {"task": task_of(facts)} | {name: facts[name] for name in ("episodes", "seed", "disturb")}
+    extras = facts["extras"]
+    options |= {name: ",".join(extras[name]) for name in ("fields", "cameras") if extras[name]}
+    options |= {"camera_size": extras["camera_size"]} if extras["cameras"] else {}
+    return [" ".join(["gcdt record", *(f"--{name} {value}" for name, value in options.items()), f"--root {root}"])]
+
+
+def success_rate(facts: dict) -> str:
+    """Returns how many attempts of the expert succeeded."""
+    return f"{facts['episodes']} of {facts['attempts']} ({_percent(facts['episodes'] / facts['attempts'])})"
+
+
+def steps_to_success(facts: dict) -> str:
+    """Returns the mean, smallest and largest number of steps to the first success."""
+    return "{mean} on average, {min} to {max}".format(**facts["steps_to_success"])
+
+
+def _metadata(subject: str, frames: int) -> DatasetCardData:
+    return DatasetCardData(
+        license="apache-2.0",
+        task_categories=["robotics"],
+        tags=["LeRobot", "surgical-robotics", "surrol", "dvrk"],
+        pretty_name=f"SurRoL {subject}, scripted demonstrations",
+        size_categories=[SIZES[max(len(str(frames)) - 3, 0)]],
+        configs=[{"config_name": "default", "data_files": "data/*/*.parquet"}],
+    )
+
+
+def _body(facts: dict, name: str, pictures: str) -> str:
+    task_class, limit = env_class(facts["env_id"]), gym.spec(facts["env_id"]).max_episode_steps
+    last = facts["seed"] + facts["attempts"] - 1
+    told = sections(task_class)
+    return BODY.format(
+        task=task_of(facts),
+        picture=f"{pictures}/{task_of(facts)}.png",
+        description=told["Description"],
+        reward=told["Rewards"],
+        start=told["Starting State"],
+        commands="\n".join(recording_commands(facts, f"datasets/{name}")),
+        expert=_fill(
+            "The expert is a feedback law that reads from the observation what to do next. It succeeded in "
+            f"{success_rate(facts)} attempts, the seeds {facts['seed']} to {last}; those that failed are left out. "
+            f"Steps to the first success: {steps_to_success(facts)}; every episode goes on to the time limit of "
+            f"{limit} steps. Recorded with lerobot-policy-gcdt {facts['package_version']}, whose command writes the "
+            "same numbers again."
+        ),
+        pushes=_pushes([facts]),
+        frames=FRAMES,
+        numbers=number_tables(task_class, facts["statistics"], "###"),
+        others=other_keys(task_class, facts["extras"], facts["statistics"]),
+    )
+
+
+def _merged_body(facts: dict, name: str, pictures: str) -> str:
+    parts, rows = recordings(facts), []
+    for part in parts:
+        task, task_class = task_of(part), env_class(part["env_id"])
+        names = (task_class.observation_names, task_class.goal_names, task_class.action_names)
+        sizes = ", ".join(str(len(numbers)) for numbers in names)
+        seen = [f"![{task}]({pictures}/{task}.png)", f"`{part['env_id']}`", task_class.task_description, sizes]
+        rows.append([*seen, f"{frames_of(part):,}", success_rate(part), steps_to_success(part)])
+    numbers = [f"### {task_of(part)}\n\n{number_tables(env_class(part['env_id']), {}, '####')}" for part in parts]
+    titles = ["", "task", "`task`", "observation, goal, action", "frames", "successful attempts", "steps to success"]
+    sizes = ", ".join(f"{size} in `{key}`" for key, size in PADDED_SIZES.items())
+    return MERGED_BODY.format(
+        tasks=table(titles, rows),
+        commands="\n".join(recording_commands(facts, f"datasets/{name}")),
+        pushes=_pushes(parts),
+        frames=FRAMES,
+        padding=_fill(
+            f"Vectors are padded with zeros, to {sizes}. Their numbers are named by position, such as `state_0`, and "
+            "mean what the tables below say of each task; `meta/info.json` keeps their sizes without padding in the "
+            "description of `observation.state`. `meta/stats.json` is over all tasks and the padding; statistics of "
+            "each task are in the card of its own dataset."
+        ),
+        others=other_keys(env_class(parts[0]["env_id"]), asdict(NO_EXTRAS), {}),
+        numbers="\n\n".join(numbers),
+    )
+
+
+def _pushes(parts: list[dict]) -> str:
+    """What the pushes were, where there were any, and how to replay an episode."""
+    levels = sorted({part["disturb"] for part in parts} - {0})
+    size = " or ".join(f"{level:g}" for level in levels)
+    pushes = _fill(
+        f"Now and then an arm was pushed for one step: in {_percent(PUSH_RATE)} of the steps, in "
+        f"{_percent(PUSH_RATE_SLOW)} of those in which the expert moves slowly, by up to {size} of a full action in "
+        "each direction and in the turn, but never ahead, where the jaws point. `action` is always the expert's own "
+        "and `disturbance` what was added to it, so the data show how to correct."
+    )
+    replay = REPLAY.format(env_id=f'"{parts[0]["env_id"]}"' if len(parts) == 1 else "env_id")
+    return f"{pushes}\n\n{replay}" if levels else replay
+
+
+def _limits(parts: list[dict]) -> list[str]:
+    limits = [
+        "Simulation only: nothing here was tried on a robot. The scenes are rebuilt from measured dimensions, not "
+        "copied; contacts are close to SurRoL's, not equal.",
+        "Scripted experts only: no person's skill, and one way to do a task.",
+    ]
+    failed = {task_of(part): 1 - part["episodes"] / part["attempts"] for part in parts}
+    worst = max(failed, key=failed.get)
+    if failed[worst]:
+        limits.append(
+            f"{_percent(failed[worst])} of the attempts{f' at {worst}' if len(parts) > 1 else ''} failed and are not "
+            "in the data: the episodes are a selection, poor in starts and pushes that the expert did not save."
+        )
+    if any(part["disturb"] for part in parts):
+        limits.append("The errors are pushes of a single step; failed grasps and their repair are rare.")
+    else:
+        limits.append("Nothing diverts the expert, so how to correct is hardly in the data.")
+    return limits
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.1f}".removesuffix(".0") + " %"
+
+
+def _fill(text: str) -> str:
+    return textwrap.fill(text, 120, break_long_words=False, break_on_hyphens=False)

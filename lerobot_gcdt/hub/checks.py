@@ -1,0 +1,104 @@
+"""Is a folder fit to be published? Whole, readable, made by this package, with a card that others can find."""
+
+import json
+from collections.abc import Iterable
+from pathlib import Path
+
+import gymnasium as gym
+import pyarrow.parquet as pq
+import yaml
+from huggingface_hub import DatasetCard, ModelCard
+from lerobot.datasets.dataset_metadata import CODEBASE_VERSION
+from safetensors import SafetensorError, safe_open
+
+import surrol_gym  # noqa: F401 (registers the environment ids)
+from lerobot_gcdt.hub.model_card import POLICIES
+from lerobot_gcdt.recording.demonstrations import RECORDING_FILE
+
+INFO_FILE = "meta/info.json"
+DATASET_FILES = (INFO_FILE, RECORDING_FILE, "meta/stats.json", "meta/tasks.parquet")
+PROCESSOR_FILES = ("policy_preprocessor.json", "policy_postprocessor.json")
+CHECKPOINT_FILES = ("config.json", "model.safetensors", *PROCESSOR_FILES, "train_config.json")
+
+REQUIRED_METADATA = {
+    "dataset": {"license": "", "tags": "LeRobot", "task_categories": "robotics"},
+    "model": {"license": "", "library_name": "lerobot", "pipeline_tag": "robotics"},
+}
+"""What a card must say, by kind of repository: any licence, and the words by which others find it."""
+
+
+def check_dataset(root: Path) -> None:
+    """Raises ValueError unless a dataset is whole and was recorded in an environment of this package."""
+    _check_files(root, DATASET_FILES)
+    info = read_json(root / INFO_FILE)
+    if info.get("codebase_version") != CODEBASE_VERSION:
+        raise ValueError(f"{root} has LeRobot's format {info.get('codebase_version')}, not {CODEBASE_VERSION}.")
+    for what, folder in (("total_frames", "data"), ("total_episodes", "meta/episodes")):
+        rows = sum(_rows(file) for file in sorted((root / folder).rglob("*.parquet")))
+        if rows != info.get(what):
+            raise ValueError(f"{root / folder} holds {rows} rows, but {INFO_FILE} says {what} = {info.get(what)}.")
+    for env_id in _environments(read_json(root / RECORDING_FILE)):
+        if env_id not in gym.registry:
+            name = env_id.rsplit("-v", 1)[0]
+            ours = [known for known in gym.registry if known.rsplit("-v", 1)[0] == name]
+            raise ValueError(f"{root} was made in {env_id}; this package has {', '.join(ours) or 'no such task'}.")
+
+
+def check_checkpoint(folder: Path) -> None:
+    """Raises ValueError unless a checkpoint is whole, readable and of a policy of this package."""
+    _check_files(folder, CHECKPOINT_FILES)
+    steps = [step for name in PROCESSOR_FILES for step in read_json(folder / name)["steps"]]
+    _check_files(folder, [step["state_file"] for step in steps if "state_file" in step])
+    for file in sorted(folder.glob("*.safetensors")):
+        try:
+            with safe_open(file, "np"):
+                pass
+        except SafetensorError as error:
+            raise ValueError(f"{file} is truncated or no safetensors file: {error}") from error
+    policy = read_json(folder / "config.json")["type"]
+    if policy not in POLICIES:
+        raise ValueError(f"{folder} is a policy of type {policy}, not {' or '.join(POLICIES)}: LeRobot can publish it.")
+
+
+def check_card(card: str, kind: str) -> None:
+    """Raises ValueError unless a card says what REQUIRED_METADATA asks for."""
+    try:
+        data = (DatasetCard if kind == "dataset" else ModelCard)(card).data.to_dict()
+    except yaml.YAMLError as error:
+        raise ValueError(f"The front matter of the card (README.md) is no YAML: {one_line(error)}") from error
+    for name, wanted in REQUIRED_METADATA[kind].items():
+        if wanted not in (data.get(name) or []):
+            raise ValueError(f"The card (README.md) lacks {name}{f': {wanted}' if wanted else ''} in its front matter.")
+
+
+def read_json(file: Path) -> dict:
+    """Reads a JSON file; raises ValueError, with its name, if it is none."""
+    try:
+        return json.loads(file.read_text())
+    except ValueError as error:
+        raise ValueError(f"{file} is not JSON: {error}") from error
+
+
+def one_line(error: Exception) -> str:
+    """The message of an error, on one line."""
+    return " ".join(str(error).split()) or type(error).__name__
+
+
+def _check_files(folder: Path, names: Iterable[str]) -> None:
+    missing = [name for name in names if not (folder / name).is_file()]
+    if missing:
+        raise ValueError(f"{folder} lacks {', '.join(missing)}.")
+
+
+def _rows(file: Path) -> int:
+    try:
+        return len(pq.read_table(file))
+    except (ValueError, OSError) as error:
+        raise ValueError(f"{file} cannot be read: {error}") from error
+
+
+def _environments(facts: dict) -> list[str]:
+    """The environments that a dataset's recordings were made in."""
+    if "merged_from" in facts:
+        return [env_id for part in facts["merged_from"] for env_id in _environments(part)]
+    return [facts["env_id"]]

@@ -1,0 +1,260 @@
+"""The card of a trained policy: what it was trained on, how, and how often it succeeds.
+
+Everything is read from the checkpoint's folder, so the card of a checkpoint can be written at any time.
+"""
+
+import dataclasses
+import json
+import shlex
+import subprocess
+from importlib.metadata import version
+from pathlib import Path
+
+import draccus
+import pandas as pd
+from huggingface_hub import EvalResult, ModelCardData
+from lerobot.configs.default import DatasetConfig
+from lerobot.configs.policies import PreTrainedConfig
+
+import surrol_gym
+from lerobot_gcdt.environment.surrol_env import env_class
+from lerobot_gcdt.evaluation.statistics import wilson_interval
+from lerobot_gcdt.hub.cards import CITATION, recording_commands
+from lerobot_gcdt.recording.demonstrations import RECORDING_FILE
+
+POLICIES = {
+    "gcdt": ("GCDTPolicy", "The goal-conditioned decision transformer (GCDT) of Fu et al. (ICRA 2024)"),
+    "bc": ("BCPolicy", "A perceptron trained by behavioural cloning, the baseline beside GCDT"),
+}
+"""Class and description of each type of policy that has a card."""
+
+EPISODES_FILE = "episodes.parquet"
+"""Beside a checkpoint's folder: the episodes of its evaluation, as `examples/evaluate_all.py` leaves them."""
+
+NOT_CHOSEN = (
+    "type", "input_features", "output_features", "device", "push_to_hub", "repo_id", "private", "tags", "license",
+    "pretrained_path", "pretrained_revision", "task_dims", "expected_steps", "root", "video_backend",
+)  # fmt: skip
+"""Settings that LeRobot or the dataset fills in, or that say where a training ran and not what it was."""
+
+CARD = """\
+---
+{data}
+---
+
+# {title}
+
+{description},
+for the surgical tasks of SurRoL in simulation: a policy of [LeRobot](https://github.com/huggingface/lerobot), trained
+and loaded with the plugin `lerobot-policy-gcdt`. It knows these tasks by these sentences:
+
+{tasks}
+
+## Success
+
+{success}
+
+## Training
+
+On the demonstrations in `{data_name}`, by
+
+```bash
+{commands}
+```
+
+{versions}
+
+## How to use it
+
+```python
+import lerobot_gcdt
+
+policy = lerobot_gcdt.{policy_class}.from_pretrained("{repo_id}")
+```
+
+```bash
+lerobot-eval --policy.path={repo_id} --policy.device=cpu --env.type=surrol --env.task={env_task} \\
+  --eval.n_episodes=100 --eval.batch_size=25 --eval.use_async_envs=false
+```
+
+## Limits
+
+Trained on scripted demonstrations in simulation and evaluated in the same simulation; it has never moved a robot. It
+acts on the simulator's state (poses of tools and objects), not on pictures, and only in the tasks above.
+
+## Citation
+
+{citation}
+"""
+
+
+def model_card(checkpoint: Path, repo_id: str | None = None) -> str:
+    """Writes the card of a checkpoint.
+
+    Args:
+        checkpoint: Folder ``pretrained_model`` of a checkpoint of `lerobot-train`. Where an evaluation left its
+            episodes beside it, the card shows them.
+        repo_id: Repository that it is published as; None for the name of the folder.
+
+    Returns:
+        Markdown with YAML front matter.
+    """
+    config = json.loads((checkpoint / "train_config.json").read_text())
+    policy = json.loads((checkpoint / "config.json").read_text())
+    repo_id = repo_id or checkpoint.name
+    known = {task: sentence for task, sentence in _sentences().items() if sentence in policy["task_dims"]}
+    episodes = checkpoint.resolve().parent / EPISODES_FILE
+    table = pd.read_parquet(episodes) if episodes.exists() else None
+    revision = config["dataset"]["revision"]
+    policy_class, description = POLICIES[policy["type"]]
+    return CARD.format(
+        data=_metadata(repo_id, policy, config["dataset"]["repo_id"], table).to_yaml(),
+        title=repo_id.split("/")[-1],
+        description=description,
+        tasks="\n".join(f'* {task}: "{sentence}"' for task, sentence in known.items()),
+        success=_success(table),
+        data_name=config["dataset"]["repo_id"] + (f" at {revision}" if revision else ""),
+        commands="\n".join(dict.fromkeys(_commands(checkpoint, config))),
+        versions=_versions(),
+        policy_class=policy_class,
+        repo_id=repo_id,
+        env_task=",".join(f"{task}-v0" for task in known),
+        citation=CITATION,
+    )
+
+
+def _sentences() -> dict[str, str]:
+    """The sentence of each task."""
+    return {task: env_class(f"surrol/{task}-v0").task_description for task in surrol_gym.TASKS}
+
+
+def _metadata(repo_id: str, policy: dict, dataset: str, table: pd.DataFrame | None) -> ModelCardData:
+    """The front matter; a dataset that was never published has no name on the Hub."""
+    results = [
+        EvalResult(
+            task_type="robotics",
+            dataset_type=f"surrol/{task}-v0",  # tells the results apart
+            dataset_name=f"surrol/{task}-v0",
+            metric_type="success_rate",
+            metric_name=f"success rate, {figure}",
+            metric_value=round(float(rows[figure].mean()), 4),
+        )
+        for task, rows in ([] if table is None else table.groupby("task", sort=False))
+        for figure in ("reached", "held")
+    ]
+    return ModelCardData(
+        license="apache-2.0",
+        library_name="lerobot",
+        pipeline_tag="robotics",
+        tags=["LeRobot", "robotics", "surgical-robotics", "surrol", "dvrk", policy["type"]],
+        datasets=None if dataset.startswith("local/") else dataset,
+        model_name=repo_id.split("/")[-1] if results else None,
+        eval_results=results or None,
+    )
+
+
+def _success(table: pd.DataFrame | None) -> str:
+    if table is None:
+        return "This checkpoint has not been evaluated."
+    lines = [
+        "Success rates with 95 % Wilson intervals: `reached` counts success at any step, `held` at the last one.",
+        "",
+        "| task | reached | held | starts | seeds |",
+        "| --- | --- | --- | --- | --- |",
+    ]
+    for task, rows in table.groupby("task", sort=False):
+        figures = [_figure(int(rows[figure].sum()), len(rows)) for figure in ("reached", "held")]
+        lines.append(f"| {task} | {' | '.join(figures)} | {len(rows)} | {rows.seed.min()}-{rows.seed.max()} |")
+    return "\n".join(lines)
+
+
+def _figure(successes: int, starts: int) -> str:
+    low, high = wilson_interval(successes, starts)
+    return f"{successes / starts:.2f} ({low:.3f}-{high:.3f})"
+
+
+def _recordings(dataset: dict) -> list[str]:
+    """The commands that make a training's dataset, where its folder is still there to tell."""
+    note = Path(dataset["root"] or "") / RECORDING_FILE
+    return recording_commands(json.loads(note.read_text()), _folder(dataset)) if note.exists() else []
+
+
+def _folder(dataset: dict) -> str:
+    """The folder that the card's commands call the dataset's, wherever it was."""
+    return f"datasets/{dataset['repo_id'].split('/')[-1]}"
+
+
+def _commands(checkpoint: Path, config: dict) -> list[str]:
+    """The commands that record a training's data and train, as one even where the training was interrupted.
+
+    Those of the checkpoint that it started from come first, where that is on this machine.
+    """
+    policy, dataset = config["policy"], config["dataset"]
+    start = _before_resuming(checkpoint, config)["policy"]["pretrained_path"]
+    earlier, begin, before = [], f"--policy.type={policy['type']}", {}
+    if start:
+        begin, before = f"--policy.path={start}", _settings_of(start)
+    if start and _is_checkpoint(start):
+        folder = Path(start).resolve()
+        output, step = f"outputs/{folder.parents[2].name}", folder.parent.name
+        [*earlier, last] = _commands(folder, json.loads((folder / "train_config.json").read_text()))
+        earlier.append(f"{last} \\\n  --output_dir={output}")
+        begin = f"--policy.path={output}/checkpoints/{step}/pretrained_model"
+    arguments = [
+        begin,
+        *_changed("policy", policy, PreTrainedConfig.get_choice_class(policy["type"]), before),
+        f"--dataset.repo_id={dataset['repo_id']}",
+        *([f"--dataset.root={_folder(dataset)}"] if dataset["root"] else []),
+        *_changed("dataset", dataset, DatasetConfig, {}),
+        *(f"--{name}={config[name]}" for name in ("steps", "batch_size", "seed")),
+        "--policy.push_to_hub=false",
+    ]
+    return [*earlier, *_recordings(dataset), " \\\n  ".join(["lerobot-train", *map(shlex.quote, arguments)])]
+
+
+def _settings_of(start: str) -> dict:
+    """The settings of the policy that a training started from; what a repository has is not looked up."""
+    file = Path(start) / "config.json"
+    return json.loads(file.read_text()) if file.exists() else {"training_stage": None}  # the stage is always told
+
+
+def _is_checkpoint(start: str) -> bool:
+    """Whether a training started from a checkpoint of `lerobot-train` on this machine."""
+    folder = Path(start).resolve()
+    return folder.parent.parent.name == "checkpoints" and (folder / "train_config.json").exists()
+
+
+def _before_resuming(checkpoint: Path, config: dict) -> dict:
+    """The configuration of a training's first checkpoint: a resumed one only says that it goes on from itself."""
+    first = sorted(checkpoint.resolve().parents[1].glob("*/pretrained_model/train_config.json"))
+    return json.loads(first[0].read_text()) if config["resume"] and first else config
+
+
+def _changed(group: str, values: dict, config_class: type, before: dict) -> list[str]:
+    """The options of a group that were chosen: those that are not what they were before, or else their defaults."""
+    options = []
+    for field in dataclasses.fields(config_class):
+        if field.name in values and field.name not in NOT_CHOSEN:
+            default = field.default if field.default_factory is dataclasses.MISSING else field.default_factory()
+            value = values[field.name]
+            if value != before.get(field.name, draccus.encode(default)):
+                options.append(f"--{group}.{field.name}={value if isinstance(value, str) else json.dumps(value)}")
+    return options
+
+
+def _versions() -> str:
+    commit = _commit()
+    ours = f"lerobot-policy-gcdt {version('lerobot_policy_gcdt')}" + (f" at commit\n`{commit}`" if commit else "")
+    return f"This card was written with {ours}, LeRobot {version('lerobot')} and PyTorch {version('torch')}."
+
+
+def _commit() -> str | None:
+    """The commit that this package is checked out at, marked where files differ from it; None for an installed one."""
+    tracked = ["git", "ls-files", "--error-unmatch", "."]  # an installed package may lie in a foreign repository
+    describe = ["git", "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"]
+    options = {"cwd": Path(__file__).parent, "capture_output": True, "check": True, "text": True}
+    try:
+        subprocess.run(tracked, **options)
+        return subprocess.run(describe, **options).stdout.strip()
+    except (OSError, subprocess.CalledProcessError):
+        return None

@@ -1,0 +1,121 @@
+"""Configuration of the goal-conditioned decision transformer."""
+
+from dataclasses import dataclass, field
+
+from lerobot.configs.policies import PreTrainedConfig
+from lerobot.optim.optimizers import AdamWConfig
+from lerobot.optim.schedulers import CosineDecayWithWarmupSchedulerConfig
+
+from lerobot_gcdt.data.single_frames import SingleFrames
+from lerobot_gcdt.errors import OptionError
+
+SIZES = ("layers", "heads", "width", "inner_width", "max_timesteps")
+"""Options that decide the shapes of the shared weights."""
+
+
+@PreTrainedConfig.register_subclass("gcdt")
+@dataclass
+class GCDTConfig(SingleFrames):
+    """Configuration of ``GCDTPolicy`` (Fu et al., ICRA 2024, arXiv 2405.18757).
+
+    Attributes:
+        layers: Transformer blocks.
+        heads: Attention heads a block.
+        width: Size of a token.
+        inner_width: Hidden size of the blocks' perceptrons.
+        dropout: Dropout in the blocks.
+        context_length: Steps that an action is predicted from, its own included, in training and at test time alike.
+            100 is the paper's; 1 measured better (README, "The policy"), because the scripted experts act on what they
+            see now.
+        max_timesteps: Size of the timestep embedding; later steps share its last entry.
+        hindsight_ratio: Share of the training trajectories that are cut at a random step and relabelled with the goal
+            achieved there; the rest are whole demonstrations. 1 gives the paper's mix: every frame of a demonstration
+            once as a cut and, in place of its first frame, the demonstration itself.
+        relative_goal: Whether a goal token also holds what is left to the goal: desired minus achieved goal. False is
+            the paper's.
+        training_stage: ``"pretrain"``: all four objectives, usually on many tasks; ``"finetune"``: actions only.
+        dynamics_weight: Weight of the forward-dynamics objective in pretraining, beside 1 for the actions; 0 leaves it
+            out.
+        time_to_goal_weight: The same of time-to-goal prediction.
+        reconstruction_weight: The same of sequence reconstruction.
+        auxiliary_context_length: Steps in a piece of a trajectory that these three objectives read, one piece for each
+            frame of a batch. 100 is the paper's.
+        hidden_ratio: Share of the items that sequence reconstruction hides.
+        dtype: Arithmetic of the transformer in training: ``"bfloat16"``, ``"float32"``, or ``"auto"`` for the faster of
+            the two on the device (``lerobot_gcdt.policy.precision``). Weights and inference are always in float32.
+        task_dims: Sizes ``[observation, goal, action]`` of each task, by task sentence. Filled from the dataset.
+        expected_steps: Mean steps to the goal of each task, by task sentence: where time-to-goal starts at test time.
+            Filled from the dataset.
+        optimizer_lr: Peak learning rate of AdamW.
+        optimizer_weight_decay: Weight decay of AdamW.
+        optimizer_grad_clip_norm: Norm at which gradients are clipped.
+        scheduler_warmup_steps: Steps of linear warm-up, shrunk in proportion when training is shorter than
+            ``scheduler_decay_steps``.
+        scheduler_decay_steps: Steps of the cosine decay, shrunk to the length of the training. 0 keeps the learning
+            rate constant, as in the paper.
+    """
+
+    layers: int = 8
+    heads: int = 4
+    width: int = 128
+    inner_width: int = 512
+    dropout: float = 0.0
+    context_length: int = 1
+    max_timesteps: int = 100
+    hindsight_ratio: float = 0.5
+    relative_goal: bool = True
+    training_stage: str = "finetune"
+    dynamics_weight: float = 0.1
+    time_to_goal_weight: float = 0.1
+    reconstruction_weight: float = 0.1
+    auxiliary_context_length: int = 20
+    hidden_ratio: float = 0.15
+    dtype: str = "auto"
+
+    task_dims: dict[str, list[int]] = field(default_factory=dict)
+    expected_steps: dict[str, float] = field(default_factory=dict)
+
+    optimizer_lr: float = 2e-3
+    optimizer_weight_decay: float = 1e-4
+    optimizer_grad_clip_norm: float = 1.0
+    scheduler_warmup_steps: int = 5_000
+    scheduler_decay_steps: int = 100_000
+
+    def __post_init__(self):
+        super().__post_init__()
+        for name in (*SIZES, "context_length", "auxiliary_context_length"):
+            if getattr(self, name) < 1:
+                raise OptionError(f"policy.{name} must be positive, got {getattr(self, name)}.")
+        if self.width % self.heads:
+            raise OptionError(f"policy.width ({self.width}) must be a multiple of policy.heads ({self.heads}).")
+        for name in ("dropout", "hindsight_ratio", "hidden_ratio"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise OptionError(f"policy.{name} must lie in [0, 1], got {getattr(self, name)}.")
+        for name in ("dynamics_weight", "time_to_goal_weight", "reconstruction_weight"):
+            if getattr(self, name) < 0:
+                raise OptionError(f"policy.{name} must not be negative, got {getattr(self, name)}.")
+        if self.training_stage not in ("pretrain", "finetune"):
+            raise OptionError(f"policy.training_stage must be 'pretrain' or 'finetune', got {self.training_stage!r}.")
+        if self.optimizer_lr <= 0:
+            raise OptionError(f"policy.optimizer_lr must be positive, got {self.optimizer_lr}.")
+        if self.dtype not in ("auto", "bfloat16", "float32"):
+            raise OptionError(f"policy.dtype must be 'auto', 'bfloat16' or 'float32', got {self.dtype!r}.")
+
+    def get_optimizer_preset(self) -> AdamWConfig:
+        """Returns AdamW (Fu et al. 2024, section IV-A)."""
+        return AdamWConfig(
+            lr=self.optimizer_lr,
+            weight_decay=self.optimizer_weight_decay,
+            grad_clip_norm=self.optimizer_grad_clip_norm,
+        )
+
+    def get_scheduler_preset(self) -> CosineDecayWithWarmupSchedulerConfig | None:
+        """Returns a cosine decay to a hundredth of the peak, or None for a constant learning rate."""
+        if self.scheduler_decay_steps == 0:
+            return None
+        return CosineDecayWithWarmupSchedulerConfig(
+            num_warmup_steps=self.scheduler_warmup_steps,
+            num_decay_steps=self.scheduler_decay_steps,
+            peak_lr=self.optimizer_lr,
+            decay_lr=self.optimizer_lr / 100,
+        )

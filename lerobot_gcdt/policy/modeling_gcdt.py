@@ -1,0 +1,418 @@
+"""The goal-conditioned decision transformer as a LeRobot policy (Fu et al., ICRA 2024, arXiv 2405.18757)."""
+
+from dataclasses import dataclass
+
+import torch
+from lerobot.policies.pretrained import PreTrainedPolicy
+from safetensors import safe_open
+from torch import Tensor, nn
+
+from lerobot_gcdt.data.statistics import mean_of_each
+from lerobot_gcdt.data.task_layouts import task_layouts
+from lerobot_gcdt.data.trajectories import Sequences, TrajectoryBank, sizes_of
+from lerobot_gcdt.keys import ACHIEVED_GOAL, ACTION, GOAL, STATE, TIME_TO_GOAL
+from lerobot_gcdt.policy.configuration_gcdt import GCDTConfig
+from lerobot_gcdt.policy.objectives import (
+    action_errors,
+    draw_hidden,
+    dynamics_loss,
+    mean_over_processes,
+    reconstruction_loss,
+    time_to_goal_loss,
+)
+from lerobot_gcdt.policy.precision import faster_precision
+from lerobot_gcdt.policy.tokens import ORDER, TaskModules, module_names
+from lerobot_gcdt.policy.transformer import KeyValueCache, Transformer
+
+TOKENS = len(ORDER)
+"""Tokens a step."""
+
+
+@dataclass
+class History:
+    """What the policy remembers of running episodes: keys and values of every layer, and the last actions."""
+
+    tasks: list[str]
+    caches: list[KeyValueCache]
+    token_step: Tensor
+    """Step of the token in each cache slot, shape (slots,)."""
+    tokens: int = 0
+    step: int = 0
+    last_action: Tensor | None = None
+
+
+class GCDTPolicy(PreTrainedPolicy):
+    """A transformer over time-to-goal, goal, observation and action tokens that predicts the next action.
+
+    Tokenizers and heads belong to a task and are chosen by the task sentence; the transformer is shared. In training
+    the policy looks up whole trajectories in its own bank of the dataset, by the ``index`` of the sampled frames, and
+    relabels them in hindsight. At test time it keeps the keys and values of past tokens, so that a step costs the same
+    early and late.
+
+    Args:
+        config: The configuration; tasks of the dataset that it does not know yet are added to it.
+        dataset_stats: Unused; LeRobot passes it to every policy.
+        dataset_meta: Metadata of the dataset to train on, None for inference.
+
+    Raises:
+        KeyError: The dataset lacks a feature that GCDT needs.
+        ValueError: The dataset has other dimensions than the configuration for the same task, or cannot be read
+            (``TrajectoryBank.of``).
+        FileNotFoundError: The dataset's files are not on this machine.
+    """
+
+    config_class = GCDTConfig
+    name = "gcdt"
+
+    def __init__(self, config: GCDTConfig, dataset_stats=None, dataset_meta=None):
+        super().__init__(config)
+        self._bank: TrajectoryBank | None = None
+        dataset_tasks = self._read_dataset(dataset_meta) if dataset_meta is not None else []
+        self._task_order = list(dict.fromkeys([*dataset_tasks, *config.task_dims]))
+        """Task sentences by index: the dataset's, then the others that the policy knows."""
+        action_sizes = [config.task_dims[task][2] for task in self._task_order]
+        self.register_buffer("action_sizes", torch.tensor(action_sizes), persistent=False)
+        self.register_buffer("training_step", torch.tensor(0))
+        """Batches of frames that training has seen; a part of the checkpoint, so that what a resumed training draws is
+        what it would have drawn."""
+        self._module_names = module_names(config.task_dims)
+        self.tasks = nn.ModuleDict(
+            {
+                name: TaskModules(config.task_dims[task], config.width, config.relative_goal)
+                for task, name in self._module_names.items()
+            }
+        )
+        self.hidden_tokens = nn.Parameter(torch.randn(TOKENS, config.width))
+        """Stand in the place of hidden items, one for each kind; as large as tokens, which are layer-normalised."""
+        self.timestep_embedding = nn.Embedding(config.max_timesteps, config.width)
+        nn.init.normal_(self.timestep_embedding.weight, std=0.02)
+        self.transformer = Transformer(config.layers, config.heads, config.width, config.inner_width, config.dropout)
+        for i, task in enumerate(dataset_tasks):
+            # Goals and times are standardised as training sees them, relabelled.
+            pieces = self._bank.pieces(self._bank.training_starts(i), 1)
+            seen = self._bank.sequences(pieces, self._bank.draw_cuts(pieces, config.hindsight_ratio))
+            self.modules_of(task).fit({key: value[:, 0] for key, value in seen.items.items()})
+        self.reset()
+
+    # Training.
+
+    def forward(self, batch: dict[str, Tensor], reduction: str = "mean") -> tuple[Tensor, dict[str, float]]:
+        """Computes the loss of a batch of frames, or of a batch of windows.
+
+        In evaluation mode every frame stands for its episode, which is read in pieces of ``context_length`` steps. In
+        training mode as many pieces are drawn from all episodes that are trained on, evenly over the tasks and anew in
+        each call, and each is relabelled with probability ``hindsight_ratio``. Windows, from loaders that make their
+        own, are read as they are. Pretraining adds the auxiliary objectives in training mode.
+
+        In training with several processes the loss is weighted so that its mean over the processes is the mean over
+        all of their steps.
+
+        Args:
+            batch: Frames as `lerobot-train` gives them, of which only ``index``, shape (B,), is used; or windows,
+                recognised by their ``observation.state`` of shape (B, S, O) (see ``Sequences.of_windows``).
+            reduction: ``"mean"``, or ``"none"`` for one loss of the actions a row of the batch.
+
+        Returns:
+            The loss, and what to log.
+
+        Raises:
+            RuntimeError: The policy was made without a dataset, and the batch holds frames.
+            KeyError, ValueError: Windows lack something or do not fit their task.
+        """
+        if self.training:
+            self.training_step += 1
+        index = batch["index"].to(self.training_step.device)
+        windows = STATE in batch and batch[STATE].ndim == 3
+        if windows:
+            sequences = Sequences.of_windows(batch, {task: self.config.task_dims[task] for task in self._task_order})
+        elif self._bank is None:
+            raise RuntimeError(
+                "This policy was made for inference; to train it on frames, pass dataset_meta to its constructor."
+            )
+        else:
+            bank = self._bank.to(index.device)
+            length = self.config.context_length
+            sequences = self._draw(index, length) if self.training else bank.sequences(bank.pieces(index, length))
+        with self._training_precision():
+            errors = action_errors(self, sequences)
+            if reduction == "none":
+                return mean_of_each(errors, sequences.source[sequences.real], len(index)), {}
+            if not self.training:
+                return errors.mean(), {"action_loss": errors.mean().item()}
+            loss = mean_over_processes(errors)
+            log = {"action_loss": loss.item()}
+            if self.config.training_stage == "pretrain":
+                pieces = sequences if windows else self._draw(index, self.config.auxiliary_context_length, count=1)
+                for name, (weight, auxiliary) in self._auxiliary_losses(pieces).items():
+                    loss = loss + weight * auxiliary
+                    log[name] = auxiliary.item()
+        return loss, log
+
+    def predict_actions(self, sequences: Sequences) -> Tensor:
+        """Predicts the action of every step from what comes before it.
+
+        Args:
+            sequences: Packed trajectories of the dataset's tasks.
+
+        Returns:
+            Actions in [-1, 1], shape (R, S, largest action size of the tasks); 0 in padding.
+        """
+        # An action that no later step may look back on needs no token.
+        keys = ORDER if self.config.context_length > 1 else ORDER[: ORDER.index(ACTION)]
+        hidden = self.encode(sequences, keys, self.config.context_length)[:, :, keys.index(STATE)]
+        with self._full_precision():
+            return self._act(hidden, {self._task_order[i]: steps for i, steps in sequences.by_task.items()})
+
+    def encode(
+        self,
+        sequences: Sequences,
+        keys: tuple[str, ...],
+        context_length: int | None = None,
+        causal: bool = True,
+        hidden: Tensor | None = None,
+    ) -> Tensor:
+        """Runs the transformer over some kinds of tokens.
+
+        Args:
+            sequences: Packed trajectories of the dataset's tasks.
+            keys: The kinds of tokens that take part, in their order within a step.
+            context_length: Steps that a step may attend to, itself included; None for all of its piece.
+            causal: Whether a token sees the past and itself only, or all of its piece.
+            hidden: Items to hide, booleans of shape (R, S, kinds).
+
+        Returns:
+            Hidden states of the tokens, shape (R, S, kinds, W), float32.
+        """
+        r, s = sequences.segment.shape
+        with self._full_precision():
+            tokens = self._tokenize(sequences, keys, hidden)  # (R, S, kinds, W)
+        mask = self._attention_mask(sequences, len(keys), context_length, causal)
+        return self.transformer(tokens.flatten(1, 2), mask).view(r, s, len(keys), -1).float()
+
+    def modules_of(self, task: int | str) -> TaskModules:
+        """Returns tokenizers and heads of a task, by its sentence or its index in sequences."""
+        return self.tasks[self._module_names[self._task_order[task] if isinstance(task, int) else task]]
+
+    # Inference.
+
+    def reset(self) -> None:
+        """Forgets all running episodes."""
+        self._history: History | None = None
+
+    @torch.no_grad()
+    def select_action(self, batch: dict[str, Tensor]) -> Tensor:
+        """Returns the next action of each running episode and remembers it as executed.
+
+        Args:
+            batch: ``observation.state`` (B, O), ``observation.goal`` and ``observation.achieved_goal`` (B, G), and
+                ``task``, a sentence for each row.
+
+        Returns:
+            Actions in [-1, 1], shape (B, largest action size of the batch's tasks).
+
+        Raises:
+            KeyError: A task sentence is unknown, or an observation is missing.
+            ValueError: Observations have other sizes than the task's, or the batch is not the one of the last step.
+        """
+        tasks = self._check_observation(batch)
+        device = batch[STATE].device
+        if self._history is None:
+            slots = TOKENS * (self.config.context_length + 1)
+            caches = [KeyValueCache(slots) for _ in range(self.config.layers)]
+            self._history = History(tasks, caches, torch.zeros(slots, dtype=torch.long, device=device))
+        history = self._history
+        if tasks != history.tasks:
+            raise ValueError(
+                f"The batch holds {len(tasks)} episodes, the running history {len(history.tasks)} or other tasks; "
+                "call policy.reset() when new episodes start."
+            )
+        with self._full_precision():
+            items = {
+                TIME_TO_GOAL: torch.tensor([[self._time_to_goal(task, history.step)] for task in tasks], device=device),
+                GOAL: batch[GOAL].float(),
+                ACHIEVED_GOAL: batch[ACHIEVED_GOAL].float(),
+                STATE: batch[STATE].float(),
+            }
+            now = [key for key in ORDER if key != ACTION]
+            new = [self._step_tokens(now, items, history.step)]
+            steps = [history.step] * len(now)
+            if history.last_action is not None and self.config.context_length > 1:
+                new.insert(0, self._step_tokens([ACTION], {ACTION: history.last_action}, history.step - 1))
+                steps.insert(0, history.step - 1)
+            hidden = self.transformer(torch.cat(new, 1), self._remember_tokens(steps), history.caches)
+            rows = {task: [i for i, t in enumerate(tasks) if t == task] for task in dict.fromkeys(tasks)}
+            action = self._act(hidden[:, -1], {task: (torch.tensor(i, device=device),) for task, i in rows.items()})
+        history.last_action = action
+        history.step += 1
+        return action
+
+    def predict_action_chunk(self, batch: dict[str, Tensor]) -> Tensor:
+        """Returns ``select_action`` as a chunk of one step, shape (B, 1, A)."""
+        return self.select_action(batch)[:, None]
+
+    def get_optim_params(self):
+        """Returns all parameters, to be updated by PyTorch's fused optimiser."""
+        return [{"params": list(self.parameters()), "fused": True}]
+
+    # Details.
+
+    @classmethod
+    def _load_as_safetensor(cls, model, model_file: str, map_location: str, strict: bool):
+        with safe_open(model_file, "pt") as file:
+            saved = set(file.keys())
+        own = set(model.state_dict())
+        # Tasks that the checkpoint does not know keep their new modules; older checkpoints do not count steps.
+        new = {key for key in own if key.startswith("tasks.") and not _has_task(saved, key.split(".")[1])}
+        new |= {"training_step"} - saved
+        problem = sorted(saved ^ (own - new))
+        if not problem:
+            try:
+                return super()._load_as_safetensor(model, model_file, map_location, strict)
+            except RuntimeError as error:
+                problem = error
+        config = model.config
+        raise ValueError(
+            f"The weights in {model_file} do not fit their configuration (layers={config.layers}, "
+            f"width={config.width}, task_dims={config.task_dims}): {problem}"
+        )
+
+    def _read_dataset(self, meta) -> list[str]:
+        """Loads the trajectories and adds the dataset's tasks to the configuration; returns them by index."""
+        self._bank = TrajectoryBank.of(meta, self.config.device)
+        tasks = list(meta.tasks.sort_values("task_index").index)
+        layouts = task_layouts(meta)
+        for task in tasks:
+            dims = layouts[task].sizes
+            known = self.config.task_dims.get(task, dims)
+            if list(known) != dims:
+                raise ValueError(
+                    f"The policy knows {task!r} with the sizes {list(known)} of observation, goal and action, but the "
+                    f"dataset {meta.repo_id} has {dims}."
+                )
+            self.config.task_dims[task] = dims
+        for i, task in enumerate(tasks):
+            self.config.expected_steps.setdefault(task, self._bank.expected_steps(i))
+        return tasks
+
+    def _draw(self, index: Tensor, length: int, count: int | None = None) -> Sequences:
+        """Draws relabelled pieces for training, by the number of the step and the frames of a batch."""
+        pieces = self._bank.draw_pieces(index, length, self.training_step, count)
+        return self._bank.sequences(pieces, self._bank.draw_cuts(pieces, self.config.hindsight_ratio))
+
+    def _auxiliary_losses(self, sequences: Sequences) -> dict[str, tuple[float, Tensor]]:
+        """Weight and value of the auxiliary objectives that are switched on, by name."""
+        config = self.config
+        losses = {}
+        if config.dynamics_weight:
+            losses["dynamics_loss"] = config.dynamics_weight, dynamics_loss(self, sequences)
+        if config.time_to_goal_weight:
+            losses["time_to_goal_loss"] = config.time_to_goal_weight, time_to_goal_loss(self, sequences)
+        if config.reconstruction_weight:
+            hidden = draw_hidden(sequences, self.training_step, config.hidden_ratio)
+            losses["reconstruction_loss"] = (
+                config.reconstruction_weight,
+                reconstruction_loss(self, sequences, hidden),
+            )
+        return losses
+
+    def _tokenize(self, sequences: Sequences, keys: tuple[str, ...], hidden: Tensor | None) -> Tensor:
+        """Tokens of packed trajectories, shape (R, S, kinds, W); 0 in padding."""
+        tokens = self.timestep_embedding.weight.new_zeros(*sequences.segment.shape, len(keys), self.config.width)
+        for task, steps in sequences.by_task.items():
+            modules = self.modules_of(task)
+            items = {key: value[steps] for key, value in sequences.items.items()}
+            tokens[steps] = torch.stack([modules.tokenize(key, items) for key in keys], dim=1)
+        if hidden is not None:
+            of_kind = self.hidden_tokens[[ORDER.index(key) for key in keys]]
+            tokens = torch.where(hidden[..., None], of_kind, tokens)
+        return tokens + self._embed_time(sequences.timestep)[:, :, None]
+
+    def _embed_time(self, timestep: Tensor) -> Tensor:
+        # Steps beyond the table share its last entry.
+        return self.timestep_embedding(timestep.clamp(max=self.config.max_timesteps - 1))
+
+    def _attention_mask(self, sequences: Sequences, kinds: int, context_length: int | None, causal: bool) -> Tensor:
+        """Additive mask (R, 1, L, L), L = kinds x S: a token sees its own piece, or its past within it."""
+        r, s = sequences.segment.shape
+        segment = sequences.segment.repeat_interleave(kinds, dim=1)
+        allowed = segment[:, :, None] == segment[:, None, :]
+        if causal:
+            allowed &= torch.ones(s * kinds, s * kinds, dtype=torch.bool, device=segment.device).tril()
+        if context_length is not None:
+            step = torch.arange(s, device=segment.device).repeat_interleave(kinds)
+            allowed &= step[:, None] - step[None, :] < context_length
+        mask = torch.zeros(r, 1, s * kinds, s * kinds, device=segment.device, dtype=self._compute_dtype())
+        return mask.masked_fill(~allowed[:, None], float("-inf"))
+
+    def _training_precision(self):
+        device = self.training_step.device.type
+        dtype = faster_precision(device) if self.config.dtype == "auto" else getattr(torch, self.config.dtype)
+        return torch.autocast(device, torch.bfloat16, enabled=dtype == torch.bfloat16)
+
+    def _full_precision(self):
+        # Corrections near a goal are small beside the observations; only the transformer may work in bfloat16.
+        return torch.autocast(self.timestep_embedding.weight.device.type, enabled=False)
+
+    def _compute_dtype(self) -> torch.dtype:
+        device = self.timestep_embedding.weight.device.type
+        return torch.get_autocast_dtype(device) if torch.is_autocast_enabled(device) else torch.float32
+
+    def _act(self, hidden: Tensor, rows: dict[str, tuple[Tensor, ...]]) -> Tensor:
+        """Actions from hidden states (..., W), each by its task's head; zero-padded to the largest action."""
+        size = max(self.config.task_dims[task][2] for task in rows)
+        actions = hidden.new_zeros(*hidden.shape[:-1], size)
+        for task, where in rows.items():
+            predicted = self.modules_of(task).predict_action(hidden[where])
+            actions[where] = nn.functional.pad(predicted, (0, size - predicted.shape[-1]))
+        return actions
+
+    def _time_to_goal(self, task: str, step: int) -> float:
+        """Starts at the task's expected length and falls by one a step, never below one (Fu et al. 2024, IV-A)."""
+        return max(self.config.expected_steps[task] - step, 1.0)
+
+    def _step_tokens(self, keys: list[str], items: dict[str, Tensor], step: int) -> Tensor:
+        """Tokens of some kinds of one step of the running episodes, shape (B, kinds, W)."""
+        device = self.timestep_embedding.weight.device
+        time = self._embed_time(torch.tensor(step, device=device))
+        tokens = time.repeat(len(self._history.tasks), len(keys), 1)
+        for task in dict.fromkeys(self._history.tasks):
+            rows = [i for i, t in enumerate(self._history.tasks) if t == task]
+            of_task = {key: value[rows] for key, value in items.items()}
+            for k, key in enumerate(keys):
+                tokens[rows, k] += self.modules_of(task).tokenize(key, of_task)
+        return tokens
+
+    def _remember_tokens(self, steps: list[int]) -> Tensor:
+        """Notes the steps of new tokens; returns what they may attend to, booleans (1, 1, new tokens, kept tokens)."""
+        history = self._history
+        device = history.token_step.device
+        slots = (torch.arange(len(steps), device=device) + history.tokens) % len(history.token_step)
+        history.token_step[slots] = torch.tensor(steps, device=device)
+        history.tokens += len(steps)
+        kept = history.token_step[: history.tokens]
+        allowed = history.token_step[slots][:, None] - kept[None, :] < self.config.context_length
+        allowed[:, slots] &= torch.ones(len(steps), len(steps), dtype=torch.bool, device=device).tril()
+        return allowed[None, None]
+
+    def _check_observation(self, batch: dict[str, Tensor]) -> list[str]:
+        """Returns the task of each row after checking that the policy can act on the batch."""
+        needed = (STATE, GOAL, ACHIEVED_GOAL, "task")
+        missing = [key for key in needed if key not in batch]
+        if missing:
+            raise KeyError(f"select_action needs {', '.join(needed)}; the batch lacks {', '.join(missing)}.")
+        tasks = [batch["task"]] if isinstance(batch["task"], str) else list(batch["task"])
+        for task in dict.fromkeys(tasks):
+            state, goal, _ = sizes_of(task, self.config.task_dims)
+            for key, size in ((STATE, state), (GOAL, goal), (ACHIEVED_GOAL, goal)):
+                # Several tasks in one batch share a tensor, padded to the largest of them.
+                width = batch[key].shape[-1] if len(set(tasks)) > 1 else size
+                if batch[key].shape != (len(tasks), max(width, size)):
+                    raise ValueError(
+                        f"{key} must have the shape ({len(tasks)}, {size}) for the task {task!r}, "
+                        f"got {tuple(batch[key].shape)}."
+                    )
+        return tasks
+
+
+def _has_task(keys: set[str], task: str) -> bool:
+    return any(key.startswith(f"tasks.{task}.") for key in keys)

@@ -1,0 +1,155 @@
+"""The four training objectives: mean squared errors over real steps (Fu et al. 2024, section III-C).
+
+Each is built so that its answer cannot be reached from what its head reads: by leaving tokens out of the sequence, by
+the causal order of those that stay, or by hiding them. Targets are standardised, but for actions.
+"""
+
+import torch
+from torch import Tensor, distributed
+
+from lerobot_gcdt.data.draws import combine, uniform
+from lerobot_gcdt.data.trajectories import Sequences
+from lerobot_gcdt.keys import ACTION, GOAL, STATE, TIME_TO_GOAL
+from lerobot_gcdt.policy.tokens import ORDER
+
+_HIDE = 100
+"""Random numbers from here on decide what is hidden; smaller ones are the trajectory bank's."""
+
+
+def action_errors(policy, sequences: Sequences) -> Tensor:
+    """Action prediction: a_t from time-to-goal, goal and observation up to t and actions up to t - 1.
+
+    Args:
+        policy: The policy.
+        sequences: Packed trajectories.
+
+    Returns:
+        The error of each real step, shape (N,).
+    """
+    predicted = policy.predict_actions(sequences)  # (R, S, A), 0 where a task has fewer numbers, as in the data
+    error = predicted - sequences.items[ACTION][..., : predicted.shape[-1]]
+    return (error.square().sum(-1) / policy.action_sizes[sequences.task])[sequences.real]
+
+
+def dynamics_loss(policy, sequences: Sequences) -> Tensor:
+    """Forward dynamics: o_t from observations and actions up to t - 1; no time-to-goal, no goal.
+
+    Args:
+        policy: The policy.
+        sequences: Packed trajectories.
+
+    Returns:
+        The mean error, a scalar; 0 where no piece has two steps.
+    """
+    after_action = policy.encode(sequences, (STATE, ACTION))[:, :, 1]
+    known = (sequences.segment[:, 1:] == sequences.segment[:, :-1]) & sequences.real[:, 1:]
+    # What step t - 1 has seen stands where the observation of t will be compared.
+    before = after_action.roll(1, dims=1)
+    where = torch.nn.functional.pad(known, (1, 0))
+    return _mean_error(policy, sequences, STATE, before, where, lambda modules, x: modules.dynamics_head(x))
+
+
+def time_to_goal_loss(policy, sequences: Sequences) -> Tensor:
+    """Time-to-goal prediction: from goal and observation up to t and actions up to t - 1; no time-to-goal.
+
+    Args:
+        policy: The policy.
+        sequences: Packed trajectories.
+
+    Returns:
+        The mean error, a scalar.
+    """
+    at_observation = policy.encode(sequences, (GOAL, STATE, ACTION))[:, :, 1]
+    return _mean_error(
+        policy,
+        sequences,
+        TIME_TO_GOAL,
+        at_observation,
+        sequences.real,
+        lambda modules, x: modules.time_to_goal_head(x),
+    )
+
+
+def reconstruction_loss(policy, sequences: Sequences, wanted: Tensor) -> Tensor:
+    """Sequence reconstruction: hidden items of every kind from all the others, past and future.
+
+    Args:
+        policy: The policy.
+        sequences: Packed trajectories.
+        wanted: The items to hide and to predict, as ``draw_hidden`` gives them.
+
+    Returns:
+        The mean over the kinds of their mean errors, a scalar.
+    """
+    hidden = policy.encode(sequences, ORDER, causal=False, hidden=withheld(wanted, policy.config.relative_goal))
+    losses = []
+    for i, key in enumerate(ORDER):
+
+        def head(modules, states, key=key):
+            return modules.reconstruct(key, states)
+
+        losses.append(_mean_error(policy, sequences, key, hidden[:, :, i], wanted[:, :, i], head))
+    return torch.stack(losses).mean()
+
+
+def mean_over_processes(errors: Tensor) -> Tensor:
+    """Averages errors so that the mean over all processes is the mean over the errors of all of them.
+
+    A plain mean would give the steps of a process with short trajectories more weight than those of the others.
+
+    Args:
+        errors: Shape (N,).
+
+    Returns:
+        A scalar: the sum over the average number of errors of a process, 1 at least.
+    """
+    counted = torch.tensor(float(len(errors)), device=errors.device)
+    if distributed.is_available() and distributed.is_initialized():
+        distributed.all_reduce(counted)
+        counted /= distributed.get_world_size()
+    return errors.sum() / counted.clamp(min=1.0)
+
+
+def draw_hidden(sequences: Sequences, step: Tensor | int, ratio: float) -> Tensor:
+    """Draws items to hide.
+
+    A goal is the same at every step of a trajectory and is therefore hidden in all of it or nowhere.
+
+    Args:
+        sequences: Packed trajectories.
+        step: Number of the optimiser step, so that the same trajectories hide others in every epoch.
+        ratio: Share of the items to hide.
+
+    Returns:
+        Booleans of shape (R, S, 4), in the order of the tokens.
+    """
+    kinds = torch.arange(len(ORDER), device=sequences.key.device)
+    key = combine(step, sequences.key)
+    wanted = uniform(key[..., None], sequences.timestep[..., None], _HIDE + kinds) < ratio
+    wanted[:, :, ORDER.index(GOAL)] = uniform(key, _HIDE) < ratio
+    return wanted & sequences.real[..., None]
+
+
+def withheld(wanted: Tensor, relative_goal: bool) -> Tensor:
+    """Adds to the items to hide the tokens that would give them away, shape (R, S, 4).
+
+    A relative goal token holds a part of its step's observation, the achieved goal.
+    """
+    if not relative_goal:
+        return wanted
+    goal, state = ORDER.index(GOAL), ORDER.index(STATE)
+    wanted = wanted.clone()
+    wanted[:, :, goal] |= wanted[:, :, state]
+    return wanted
+
+
+def _mean_error(policy, sequences, key, hidden, where, head) -> Tensor:
+    """Mean squared error of one kind of item over some steps; ``head`` maps modules and hidden states to items."""
+    errors = [hidden.new_zeros(0)]
+    for task, (rows, columns) in sequences.by_task.items():
+        chosen = where[rows, columns]
+        steps = rows[chosen], columns[chosen]
+        modules = policy.modules_of(task)
+        target = modules.target(key, {k: value[steps] for k, value in sequences.items.items()})
+        errors.append((head(modules, hidden[steps]) - target).square().mean(-1))
+    return mean_over_processes(torch.cat(errors))

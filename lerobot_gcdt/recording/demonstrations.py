@@ -1,0 +1,312 @@
+"""Recording expert demonstrations as LeRobot datasets, resumable at any moment.
+
+Every finished episode is first kept in a file of its own beside the dataset's folder. The dataset is built from these
+files when all are there, and takes its name only when it is whole. So an interrupted recording goes on where it was,
+and ends with the same dataset as one that was never interrupted.
+"""
+
+import json
+import os
+import re
+import shutil
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from importlib.metadata import version
+from pathlib import Path
+
+import datasets
+import gymnasium as gym
+import numpy as np
+from lerobot.datasets.lerobot_dataset import LeRobotDataset
+from tqdm import tqdm
+
+import surrol_gym
+from lerobot_gcdt.keys import TIME_TO_GOAL
+from lerobot_gcdt.recording.features import NO_EXTRAS, Extras, describe_columns, to_columns
+from lerobot_gcdt.recording.locking import LOCK_FILE, alone_in
+from surrol_gym.envs.psm_env import Mount
+
+RECORDING_FILE = "meta/surrol.json"
+"""Beside LeRobot's metadata: what it takes to replay any episode, and how the expert did."""
+
+PARTS_NOTE, UNFINISHED_NOTE = "recording.json", "recording.unfinished"
+"""In the folder of finished episodes: the recording that they belong to, and its name while it is written."""
+
+PUSH_RATE, PUSH_RATE_SLOW, SLOW_ACTION = 0.05, 0.12, 0.2
+"""Probability of a push in a step of a disturbed episode, the same while the expert moves slowly, and what is slow."""
+
+PUSHES = 1
+"""Tells the random stream of an episode's pushes from that of its start, which the seed alone makes."""
+
+FAILURES_IN_A_ROW = 50
+"""Failed attempts after which a recording ends. Even an expert that succeeds in one of five attempts begins such a
+series but once in 70,000; a worse one is broken."""
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What was asked for; two recordings with equal fields give the same dataset.
+
+    Attributes:
+        env_id: The environment.
+        episodes: How many successful episodes.
+        seed: Seed of the first episode; the following ones count up, failures are left out.
+        disturb: Size of the pushes that divert the arm, in units of an action; 0 for none.
+        extras: What is recorded beside what every dataset holds.
+        package_version: Version of this package.
+    """
+
+    env_id: str
+    episodes: int
+    seed: int
+    disturb: float
+    extras: Extras
+    package_version: str
+
+
+def dataset_name(task: str) -> str:
+    """Returns the name of a task's published dataset, such as ``surrol_needle_pick`` of ``NeedlePick``."""
+    return "surrol" + re.sub("([A-Z])", r"_\1", task).lower()
+
+
+def record(
+    task: str,
+    episodes: int,
+    seed: int,
+    root: str | Path,
+    disturb: float = 0.0,
+    extras: Extras = NO_EXTRAS,
+    on_episode: Callable[[], None] | None = None,
+) -> Path:
+    """Records successful episodes of a task's scripted expert as a LeRobot dataset.
+
+    Args:
+        task: Name of the task, one of ``surrol_gym.TASKS``.
+        episodes: Number of successful episodes.
+        seed: Seed of the first episode.
+        root: Folder of the dataset; calling again with the same arguments goes on with an interrupted recording.
+        disturb: Size of the pushes that divert the arm, in [0, 1]; see ``run_episode``.
+        extras: What to record beside what every dataset holds.
+        on_episode: Called for every episode that is there; nothing is printed then.
+
+    Returns:
+        The folder.
+
+    Raises:
+        ValueError: The task is unknown, a number is out of range, or the folder holds something else.
+        OSError: The disk is full, something else keeps files from being written, or another process records there;
+            what is finished is kept.
+        RuntimeError: The expert fails again and again; what is finished is kept.
+    """
+    if task not in surrol_gym.TASKS:
+        raise ValueError(f"Unknown task {task!r}; choose one of {', '.join(surrol_gym.TASKS)}.")
+    if episodes < 1 or seed < 0:
+        raise ValueError(f"A recording needs at least one episode and a seed from 0, got {episodes} and {seed}.")
+    if not 0 <= disturb <= 1:
+        raise ValueError(f"The size of disturbances must lie in [0, 1], got {disturb}.")
+    root = Path(root)
+    wanted = Recording(f"surrol/{task}-v0", episodes, seed, float(disturb), extras, version("lerobot_policy_gcdt"))
+    extras.check(wanted.env_id)
+    parts = root.with_name(root.name + ".recording")
+    if root.exists():
+        _check_same(wanted, root / RECORDING_FILE, root)
+        if parts.exists() and _are_ours(parts):
+            with alone_in(parts):
+                _remove_parts(parts)  # what an earlier call, interrupted at its very end, left
+        if on_episode:
+            for _ in range(episodes):
+                on_episode()
+        else:
+            print(f"{root} is complete already.")
+    else:
+        if parts.exists() and not _are_ours(parts):
+            raise ValueError(f"{parts} exists and was not written by `gcdt record`; choose another --root.")
+        with alone_in(parts):
+            if root.exists():  # another process has finished it just now
+                _check_same(wanted, root / RECORDING_FILE, root)
+            else:
+                _make(wanted, parts, root, on_episode)
+            _remove_parts(parts)
+    if not on_episode:
+        print(summary(root))
+    return root
+
+
+def summary(root: str | Path) -> str:
+    """Describes a recorded dataset: the expert's success rate and its steps to success."""
+    facts = json.loads((Path(root) / RECORDING_FILE).read_text())
+    steps = np.array(facts["steps_to_success"])
+    return (
+        f"{facts['env_id']}: {len(steps)} episodes from {facts['attempts']} attempts of the expert "
+        f"(success rate {len(steps) / facts['attempts']:.3f}), first success after {steps.mean():.1f} steps "
+        f"({steps.min()}-{steps.max()})"
+    )
+
+
+def run_episode(env: gym.Env, seed: int, disturb: float = 0.0, extras: Extras = NO_EXTRAS) -> dict[str, np.ndarray]:
+    """Runs the expert for one episode, to the time limit.
+
+    Demonstrations that never err do not show how to correct, and a policy cloned from them soon stops correcting.
+    Disturbed ones do: now and then an arm is pushed sideways, backwards or turned for a step, more often where the
+    expert moves slowly because precision matters. Never is it pushed ahead, where the jaws point, and the jaws obey.
+    The recorded action is always the expert's own; ``env.step(action + disturbance)`` replays the episode exactly.
+
+    Args:
+        env: The environment.
+        seed: Seed of the reset and of the pushes.
+        disturb: Largest push, in units of an action.
+        extras: What to observe beside the environment's own observation.
+
+    Returns:
+        Arrays over the steps: ``observation``, ``achieved_goal``, ``desired_goal`` and the extras before the step,
+        ``action`` and ``disturbance``, and ``reward`` and ``success`` after it.
+    """
+    expert = surrol_gym.make_expert(env)
+    rng = np.random.default_rng([seed, PUSHES])
+    observation, _ = env.reset(seed=seed)
+    frames, truncated = [], False
+    while not truncated:
+        action = expert.act(observation)
+        disturbance = disturb * _push(rng, action, env.unwrapped.mounts) + 0.0  # turns -0 into 0
+        frame = observation | extras.observe(env) | {"action": action, "disturbance": disturbance}
+        observation, reward, _, truncated, info = env.step(action + disturbance)
+        frames.append(frame | {"reward": np.float32(reward), "success": info["is_success"]})
+    return {key: np.stack([frame[key] for frame in frames]) for key in frames[0]}
+
+
+def _push(rng: np.random.Generator, action: np.ndarray, mounts: tuple[Mount, ...]) -> np.ndarray:
+    """Draws pushes in the direction of each arm's first four numbers; most of the time they are zero."""
+    push = np.zeros_like(action)
+    for arm, mount in enumerate(mounts):
+        numbers = slice(5 * arm, 5 * arm + 4)
+        slow = np.abs(action[numbers]).max() < SLOW_ACTION
+        if rng.random() < (PUSH_RATE_SLOW if slow else PUSH_RATE):
+            push[numbers] = rng.uniform(-1, 1, 4)
+            motion, ahead = push[numbers][:3], mount.tool_direction()
+            motion -= 2 * max(motion @ ahead, 0) * ahead
+    return push
+
+
+def _make(wanted: Recording, parts: Path, root: Path, on_episode: Callable[[], None] | None) -> None:
+    """Records what is missing among the finished episodes, and builds the dataset."""
+    _prepare_parts(wanted, parts)
+    env = gym.make(wanted.env_id)
+    try:
+        kept = _record_episodes(env, wanted, parts, on_episode)
+        _build_dataset(env, wanted, kept, parts, root, silent=on_episode is not None)
+    except OSError as error:
+        told = f"{error.strerror or error}; finished episodes are kept, repeat the command to go on"
+        raise OSError(error.errno, told, str(parts)) from error
+    finally:
+        env.close()
+
+
+def _record_episodes(env: gym.Env, wanted: Recording, parts: Path, on_episode: Callable[[], None] | None) -> list[Path]:
+    """Records attempts until enough succeeded; returns the files of the successful ones, in order of their seeds."""
+    kept: list[Path] = []
+    name = f"Recording {env.unwrapped.task}"
+    with tqdm(total=wanted.episodes, desc=name, unit="episode", disable=on_episode is not None) as bar:
+        on_episode = on_episode or bar.update
+        attempt = failures = 0
+        while len(kept) < wanted.episodes:
+            file = parts / f"{wanted.seed + attempt:09d}.npz"
+            if not file.exists():
+                unfinished = file.with_suffix(".unfinished")
+                with unfinished.open("wb") as stream:
+                    episode = run_episode(env, wanted.seed + attempt, wanted.disturb, wanted.extras)
+                    np.savez_compressed(stream, **episode)
+                os.replace(unfinished, file)
+            with np.load(file) as episode:
+                if episode["success"].any():
+                    kept.append(file)
+                    on_episode()
+                    failures = 0
+                else:
+                    failures += 1
+            attempt += 1
+            if failures == FAILURES_IN_A_ROW:
+                raise RuntimeError(
+                    f"The expert of {wanted.env_id} failed {failures} times in a row, the last time with seed "
+                    f"{wanted.seed + attempt - 1}; the {len(kept)} successful episodes are kept in {parts}. "
+                    "Ask for fewer episodes, or start from another seed in another folder."
+                )
+    return kept
+
+
+def _build_dataset(env: gym.Env, wanted: Recording, kept: list[Path], parts: Path, root: Path, silent: bool) -> None:
+    """Writes the dataset beside its final place and moves it there in one step."""
+    building = parts / "dataset"
+    shutil.rmtree(building, ignore_errors=True)
+    datasets.disable_progress_bars()
+    dataset = LeRobotDataset.create(
+        f"local/{root.name}",
+        fps=env.metadata["render_fps"],
+        features=describe_columns(env, wanted.extras),
+        root=building,
+        robot_type="dvrk_psm",
+        use_videos=bool(wanted.extras.cameras),
+        video_backend="pyav",
+    )
+    steps = []
+    for file in tqdm(kept, desc="Writing the dataset", unit="episode", disable=silent):
+        with np.load(file) as arrays:
+            columns = to_columns(dict(arrays))
+        steps.append(int(columns[TIME_TO_GOAL][0, 0]))
+        for t in range(len(columns[TIME_TO_GOAL])):
+            frame = {key: values[t] for key, values in columns.items()}
+            dataset.add_frame(frame | {"task": env.unwrapped.task_description})
+        dataset.save_episode(parallel_encoding=False)  # that would fork, which a worker of `--all` may not
+    dataset.finalize()
+    sort_statistics(building)
+    facts = asdict(wanted) | {
+        "seeds": [int(file.stem) for file in kept],
+        "attempts": int(kept[-1].stem) - wanted.seed + 1,
+        "steps_to_success": steps,
+    }
+    (building / RECORDING_FILE).write_text(json.dumps(facts, indent=2) + "\n")
+    root.parent.mkdir(parents=True, exist_ok=True)
+    os.replace(building, root)
+
+
+def sort_statistics(root: Path) -> None:
+    """Brings a dataset's statistics into order: LeRobot writes them in that of a set, which differs by process."""
+    stats = root / "meta/stats.json"
+    stats.write_text(json.dumps(json.loads(stats.read_text()), indent=4, sort_keys=True) + "\n")
+
+
+def _prepare_parts(wanted: Recording, parts: Path) -> None:
+    """Notes the recording in the folder of finished episodes, or checks that it belongs to the same one."""
+    note = parts / PARTS_NOTE
+    if note.exists():
+        _check_same(wanted, note, parts)
+        return
+    (parts / UNFINISHED_NOTE).write_text(json.dumps(asdict(wanted)))
+    os.replace(parts / UNFINISHED_NOTE, note)
+
+
+def _are_ours(parts: Path) -> bool:
+    """Whether a folder of finished episodes was written by ``record``: even if that was killed at once."""
+    return (parts / PARTS_NOTE).exists() or {file.name for file in parts.iterdir()} <= {LOCK_FILE, UNFINISHED_NOTE}
+
+
+def _remove_parts(parts: Path) -> None:
+    """Empties the folder of finished episodes, the note that tells it from any other folder last."""
+    for file in parts.iterdir():
+        if file.is_dir():
+            shutil.rmtree(file)
+        elif file.name not in (PARTS_NOTE, LOCK_FILE):
+            file.unlink()
+    (parts / PARTS_NOTE).unlink(missing_ok=True)
+
+
+def _check_same(wanted: Recording, note: Path, folder: Path) -> None:
+    """Raises if the folder is not the one of this recording."""
+    if not note.exists():
+        raise ValueError(f"{folder} exists and was not written by `gcdt record`; choose another --root.")
+    found = json.loads(note.read_text())
+    for name, value in asdict(wanted).items():
+        if found.get(name) != value:
+            raise ValueError(
+                f"{folder} holds a recording with {name} = {found.get(name)!r}, not {value!r}; choose another --root "
+                "or remove it."
+            )

@@ -1,0 +1,53 @@
+"""What a dataset's ``meta/surrol.json`` tells of how it was recorded, for its card and for the manifest."""
+
+import json
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+from lerobot.utils.constants import DEFAULT_FEATURES
+
+from lerobot_gcdt.recording.demonstrations import RECORDING_FILE
+
+
+def card_facts(root: Path) -> dict:
+    """Reads what the card of a dataset has to know.
+
+    Args:
+        root: Folder of the dataset.
+
+    Returns:
+        Of a recording its settings, attempts, steps to success, and ``statistics`` of each column; of a merged dataset
+        ``merged_from``, a list of the same of each recording, without statistics.
+    """
+    facts = json.loads((root / RECORDING_FILE).read_text())
+    if "merged_from" in facts:
+        return {"merged_from": [_summarised(part) for part in recordings(facts)]}
+    statistics = {
+        key: {name: [round(number, 3) + 0.0 for number in values[name]] for name in ("min", "mean", "max")}
+        for key, values in json.loads((root / "meta/stats.json").read_text()).items()
+        if key not in DEFAULT_FEATURES and not key.startswith("observation.images.")
+    }
+    return _summarised(facts) | {"statistics": statistics}
+
+
+def recordings(facts: dict) -> list[dict]:
+    """Returns the facts of each recording that a dataset was merged from, or those of a recording itself."""
+    return [part for whole in facts["merged_from"] for part in recordings(whole)] if "merged_from" in facts else [facts]
+
+
+def task_of(facts: dict) -> str:
+    """Returns the name of the task of a recording."""
+    return facts["env_id"].removeprefix("surrol/").rsplit("-v", 1)[0]
+
+
+def frames_of(facts: dict) -> int:
+    """Returns the number of frames of a recording, whose episodes all run to the time limit."""
+    return facts["episodes"] * gym.spec(facts["env_id"]).max_episode_steps
+
+
+def _summarised(facts: dict) -> dict:
+    """The facts of a recording with a summary of its episodes instead of lists."""
+    steps = np.array(facts["steps_to_success"])
+    summary = {"min": int(steps.min()), "mean": round(float(steps.mean()), 1), "max": int(steps.max())}
+    return {key: value for key, value in facts.items() if key != "seeds"} | {"steps_to_success": summary}

@@ -1,0 +1,154 @@
+"""Merging the datasets of several tasks into one, for cross-task training.
+
+LeRobot merges datasets whose features are equal. The tasks' are not: so each dataset is first copied with its vectors
+padded with zeros to the largest task's size, and the merged metadata keep the layout of each task
+(``lerobot_gcdt.data.task_layouts``). Columns that only some tasks can have, such as videos, are left out.
+"""
+
+import json
+import os
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+
+import datasets
+import numpy as np
+import pyarrow.parquet as pq
+from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
+from lerobot.datasets.dataset_tools import merge_datasets
+from lerobot.datasets.lerobot_dataset import LeRobotDataset
+from lerobot.utils.constants import DEFAULT_FEATURES
+from tqdm import tqdm
+
+from lerobot_gcdt.data.task_layouts import padded_names, table_of, task_layouts
+from lerobot_gcdt.data.trajectories import to_array
+from lerobot_gcdt.keys import (
+    ACHIEVED_GOAL,
+    ACTION,
+    DISTURBANCE,
+    ENVIRONMENT_STATE,
+    GOAL,
+    REWARD,
+    STATE,
+    SUCCESS,
+    TIME_TO_GOAL,
+)
+from lerobot_gcdt.recording.demonstrations import RECORDING_FILE, sort_statistics
+from lerobot_gcdt.recording.features import vector_feature
+from lerobot_gcdt.recording.locking import alone_in
+
+PADDED_SIZES = {STATE: 35, ENVIRONMENT_STATE: 6, GOAL: 6, ACHIEVED_GOAL: 6, ACTION: 10, DISTURBANCE: 10}
+"""The largest size of each vector among the ten tasks."""
+
+KEPT = (TIME_TO_GOAL, REWARD, SUCCESS)
+"""Features that are the same in all tasks."""
+
+COLUMNS = (*PADDED_SIZES, *KEPT)
+"""What a merged dataset holds, beside what LeRobot adds to every dataset."""
+
+
+def merge(roots: Sequence[str | Path], root: str | Path) -> Path:
+    """Merges datasets of ``gcdt record`` into one whose vectors have 35, 6 and 10 numbers.
+
+    The columns are those of ``PADDED_SIZES`` and ``KEPT``; a line is printed for every other column that a dataset has.
+
+    Args:
+        roots: Folders of the datasets.
+        root: Folder of the merged dataset. An interrupted merge keeps the copies that are whole, and goes on.
+
+    Returns:
+        The folder.
+
+    Raises:
+        OSError: Another process merges into the folder.
+        ValueError: There are fewer than two datasets, one was not recorded by ``gcdt record``, or the folder exists.
+    """
+    roots, root = [Path(r) for r in roots], Path(root)
+    if len(roots) < 2 or len({r.name for r in roots}) < len(roots):
+        raise ValueError(f"Merging takes two or more folders of different names, got {[str(r) for r in roots]}.")
+    for source in roots:
+        if not (source / RECORDING_FILE).exists():
+            raise ValueError(f"{source} is no dataset of `gcdt record`: {RECORDING_FILE} is missing there.")
+    metas = [LeRobotDatasetMetadata(f"local/{source.name}", root=source) for source in roots]
+    lacked = sorted({key for meta in metas for key in COLUMNS if key not in meta.features})
+    if lacked:
+        raise ValueError(f"Not every dataset has {', '.join(lacked)}; record them with `gcdt record`.")
+    for meta in metas:
+        left_out = sorted(set(meta.features) - {*COLUMNS, *DEFAULT_FEATURES})
+        if left_out:
+            print(f"Left out of {root}: {', '.join(left_out)} of {meta.root}.")
+    features = _padded_features(metas)
+    parts = root.with_name(root.name + ".merging")
+    with alone_in(parts):
+        if root.exists():
+            raise ValueError(f"{root} exists already; choose another folder or remove it.")
+        datasets.disable_progress_bars()
+        copies = [
+            _padded_copy(meta, features, parts / source.name)
+            for source, meta in tqdm(zip(roots, metas, strict=True), total=len(roots), desc="Padding", unit="dataset")
+        ]
+        whole = parts / "merged"
+        shutil.rmtree(whole, ignore_errors=True)
+        merge_datasets(
+            [LeRobotDataset(f"local/{copy.name}", root=copy, video_backend="pyav") for copy in copies],
+            f"local/{root.name}",
+            whole,
+        )
+        sort_statistics(whole)
+        facts = {"merged_from": [json.loads((r / RECORDING_FILE).read_text()) for r in roots]}
+        (whole / RECORDING_FILE).write_text(json.dumps(facts, indent=2) + "\n")
+        os.replace(whole, root)
+        for folder in parts.glob("*/"):
+            shutil.rmtree(folder)
+    return root
+
+
+def _padded_features(metas: Sequence[LeRobotDatasetMetadata]) -> dict[str, dict]:
+    """Returns LeRobot's description of the merged columns, with the natural layout of every task."""
+    features = {
+        key: vector_feature(padded_names(key, PADDED_SIZES[key]))
+        if key in PADDED_SIZES
+        else {name: metas[0].features[key][name] for name in ("dtype", "shape", "names")}
+        for key in COLUMNS
+    }
+    layouts = {task: layout for meta in metas for task, layout in task_layouts(meta).items()}
+    features[STATE] |= table_of(layouts)
+    return features
+
+
+def _padded_copy(meta: LeRobotDatasetMetadata, features: dict[str, dict], copy: Path) -> Path:
+    """Copies a dataset with its vectors padded; a copy for the same merger that is there already is whole."""
+    note = json.dumps([json.loads((meta.root / RECORDING_FILE).read_text()), features[STATE]["info"]])
+    if copy.exists():
+        if (copy / RECORDING_FILE).exists() and (copy / RECORDING_FILE).read_text() == note:
+            return copy
+        shutil.rmtree(copy)
+    building = copy.with_name(copy.name + ".unfinished")
+    shutil.rmtree(building, ignore_errors=True)
+    dataset = LeRobotDataset.create(
+        f"local/{copy.name}",
+        fps=meta.fps,
+        features=features,
+        root=building,
+        robot_type=meta.robot_type,
+        use_videos=False,
+        video_backend="pyav",
+    )
+    columns = [*COLUMNS, "episode_index", "task_index"]
+    sentences = list(meta.tasks.sort_values("task_index").index)
+    for file in sorted(meta.root.glob("data/*/*.parquet")):
+        table = pq.read_table(file, columns=columns)
+        frames = {key: to_array(table[key]) for key in columns}
+        for i, episode in enumerate(frames["episode_index"]):
+            frame = {key: _padded(frames[key][i : i + 1].reshape(-1), features[key]["shape"][0]) for key in COLUMNS}
+            dataset.add_frame(frame | {"task": sentences[frames["task_index"][i]]})
+            if i + 1 == len(table) or frames["episode_index"][i + 1] != episode:
+                dataset.save_episode()
+    dataset.finalize()
+    (building / RECORDING_FILE).write_text(note)
+    os.replace(building, copy)
+    return copy
+
+
+def _padded(vector: np.ndarray, size: int) -> np.ndarray:
+    return np.pad(vector, (0, size - len(vector)))

@@ -1,0 +1,55 @@
+"""Films show every step of every episode, and say when the goal is reached."""
+
+import importlib
+
+import av
+import matplotlib
+import numpy as np
+import pandas as pd
+import pytest
+import torch
+
+from lerobot_gcdt.evaluation import pictures
+from lerobot_gcdt.evaluation.pictures import film
+
+
+class Still:
+    """A policy that does nothing."""
+
+    def reset(self):
+        pass
+
+    def select_action(self, batch):
+        return torch.zeros(len(batch["observation.state"]), 5)
+
+
+class Straight(Still):
+    """A policy that moves the tool straight to the goal."""
+
+    def select_action(self, batch):
+        way = (batch["observation.goal"] - batch["observation.achieved_goal"]) / 0.05
+        return torch.nn.functional.pad(way.clamp(-1, 1), (0, 2))
+
+
+def frames(path):
+    with av.open(str(path)) as container:
+        assert container.streams.video[0].average_rate == 10
+        return np.stack([frame.to_ndarray(format="rgb24") for frame in container.decode(video=0)]).astype(int)
+
+
+@pytest.mark.parametrize(("policy", "held"), [(Still(), False), (Straight(), True)], ids=["still", "straight"])
+def test_a_film_shows_every_step_and_whether_the_goal_is_held(policy, held, tmp_path):
+    assert film(policy, "NeedleReach", [0, 1], tmp_path / "film.mp4", size=192) == [held, held]
+    seen = frames(tmp_path / "film.mp4")
+    assert seen.shape == (2 * (51 + 5), 192, 192, 3)
+    bar = seen[:, -8:, -40:].mean((1, 2))  # red, green, blue
+    is_green = bar[:, 1] > bar[:, 0] + 50
+    assert not is_green[0] and is_green[50] == held
+
+
+def test_the_backend_of_a_notebook_stays_as_it_is(tmp_path, monkeypatch):
+    monkeypatch.setitem(matplotlib.rcParams, "backend", "svg")
+    importlib.reload(pictures)
+    curve = pd.DataFrame({"step": [1, 2], "loss": [0.2, 0.1]})
+    assert pictures.plot_training(curve, tmp_path / "curve.png").read_bytes().startswith(b"\x89PNG")
+    assert matplotlib.get_backend() == "svg"

@@ -1,0 +1,447 @@
+"""The policy: what it may see, what must not matter, and that remembering equals recomputing."""
+
+import copy
+
+import pytest
+import torch
+from lerobot.datasets.lerobot_dataset import LeRobotDatasetMetadata
+from safetensors.torch import load_file, save_file
+
+from lerobot_gcdt import GCDTConfig, GCDTPolicy
+from lerobot_gcdt.data.statistics import SMALLEST_STD
+from lerobot_gcdt.keys import ACHIEVED_GOAL, ACTION, GOAL, STATE, TIME_TO_GOAL
+from lerobot_gcdt.policy import modeling_gcdt
+
+PICK = "Pick up the needle and bring its middle to the goal."
+REACH = "Move the closed jaw tips to the point above the needle."
+
+
+@pytest.fixture
+def policy(tiny_config, needle_pick_meta):
+    torch.manual_seed(0)
+    return GCDTPolicy(copy.deepcopy(tiny_config), dataset_meta=needle_pick_meta)
+
+
+@pytest.fixture
+def two_task_policy(tiny_config):
+    torch.manual_seed(0)
+    config = copy.deepcopy(tiny_config)
+    config.task_dims = {PICK: [19, 3, 5], REACH: [7, 3, 4]}
+    config.expected_steps = {PICK: 37.0, REACH: 20.0}
+    return GCDTPolicy(config).eval()
+
+
+def whole(policy, *episodes):
+    """The packed demonstrations of some episodes."""
+    return policy._bank.sequences(policy._bank.pieces(torch.tensor(episodes) * 50, 50))
+
+
+def observation(batch, task=PICK, size=19):
+    return {
+        STATE: torch.randn(batch, size),
+        GOAL: torch.randn(batch, 3),
+        ACHIEVED_GOAL: torch.randn(batch, 3),
+        "task": [task] * batch,
+    }
+
+
+def rows(batch, chosen):
+    """Some rows of a batch."""
+    return {key: value[chosen] if isinstance(value, torch.Tensor) else [PICK] for key, value in batch.items()}
+
+
+# What the prediction may depend on.
+
+
+@pytest.mark.parametrize("key", [STATE, GOAL, ACHIEVED_GOAL, TIME_TO_GOAL, ACTION])
+def test_a_change_after_t_changes_no_action_up_to_t(policy, key):
+    t = 20
+    sequences = whole(policy, 0)
+    before = policy.predict_actions(sequences)
+    changed = copy.deepcopy(sequences)
+    changed.items[key][:, t + 1 :] += 1
+    after = policy.predict_actions(changed)
+    assert torch.equal(before[:, : t + 1], after[:, : t + 1])
+    assert not torch.equal(before[:, t + 1 :], after[:, t + 1 :])
+
+
+def test_an_action_is_not_visible_to_its_own_prediction(policy):
+    sequences = whole(policy, 0)
+    before = policy.predict_actions(sequences)
+    sequences.items[ACTION][:, 20] += 1
+    after = policy.predict_actions(sequences)
+    assert torch.equal(before[:, :21], after[:, :21])
+    assert not torch.equal(before[:, 21], after[:, 21])
+
+
+@pytest.mark.parametrize("key", [STATE, GOAL, ACHIEVED_GOAL, TIME_TO_GOAL])
+def test_an_action_depends_on_what_is_known_at_its_step(policy, key):
+    sequences = whole(policy, 0)
+    before = policy.predict_actions(sequences)
+    sequences.items[key][:, 20] += 1
+    assert not torch.equal(before[:, 20], policy.predict_actions(sequences)[:, 20])
+
+
+def test_other_trajectories_of_the_row_change_nothing(policy):
+    cuts = torch.tensor([45, 56, 107, 160])  # lengths 45, 6, 7, 10: the short ones share a row
+    sequences = policy._bank.sequences(policy._bank.pieces(cuts, 50), cuts)
+    assert len(sequences.segment) < 4
+    packed = policy.predict_actions(sequences)
+    for i in range(4):
+        cut = cuts[i : i + 1]
+        alone = policy.predict_actions(policy._bank.sequences(policy._bank.pieces(cut, 50), cut))
+        torch.testing.assert_close(packed[sequences.segment == i], alone[0], atol=1e-6, rtol=1e-5)
+
+
+def test_steps_beyond_the_context_length_are_out_of_sight(tiny_config, needle_pick_meta):
+    config = copy.deepcopy(tiny_config)
+    config.context_length, config.layers = 5, 1
+    policy = GCDTPolicy(config, dataset_meta=needle_pick_meta)
+    sequences = whole(policy, 0)
+    before = policy.predict_actions(sequences)
+    sequences.items[STATE][:, 10] += 1
+    changed = (before != policy.predict_actions(sequences)).any(-1)[0]
+    assert torch.nonzero(changed).flatten().tolist() == list(range(10, 15))
+
+
+def test_the_achieved_goal_is_out_of_sight_without_relative_goals(tiny_config, needle_pick_meta):
+    tiny_config.relative_goal = False
+    policy = GCDTPolicy(tiny_config, dataset_meta=needle_pick_meta)
+    sequences = whole(policy, 0)
+    before = policy.predict_actions(sequences)
+    sequences.items[ACHIEVED_GOAL] += 1
+    assert torch.equal(before, policy.predict_actions(sequences))
+
+
+# Remembering equals recomputing.
+
+
+@pytest.mark.parametrize("context_length", [100, 8, 1])
+def test_the_cached_rollout_equals_the_full_forward_pass(tiny_config, needle_pick_meta, context_length):
+    torch.manual_seed(0)
+    config = copy.deepcopy(tiny_config)
+    config.context_length = context_length
+    policy = GCDTPolicy(config, dataset_meta=needle_pick_meta).eval()
+    sequences = whole(policy, 0)
+    sequences.items[TIME_TO_GOAL][0, :, 0] = torch.tensor([policy._time_to_goal(PICK, t) for t in range(50)])
+    rolled_out = []
+    for t in range(50):
+        batch = {key: sequences.items[key][:, t] for key in (STATE, GOAL, ACHIEVED_GOAL)}
+        rolled_out.append(policy.select_action(batch | {"task": [PICK]}))
+    sequences.items[ACTION] = torch.stack(rolled_out, 1)
+    with torch.no_grad():
+        full = policy.predict_actions(sequences)
+    torch.testing.assert_close(sequences.items[ACTION], full, atol=1e-5, rtol=1e-5)
+
+
+def test_the_batch_size_changes_nothing(policy):
+    policy.eval()
+    batches = [observation(5) for _ in range(6)]
+    together = torch.stack([policy.select_action(batch) for batch in batches])
+    for row in range(5):
+        policy.reset()
+        alone = [policy.select_action(rows(batch, slice(row, row + 1))) for batch in batches]
+        torch.testing.assert_close(together[:, row : row + 1], torch.stack(alone), atol=1e-6, rtol=1e-5)
+
+
+def test_reset_forgets_the_episode(policy):
+    policy.eval()
+    first, second = observation(2), observation(2)
+    fresh = policy.select_action(first)
+    assert not torch.equal(policy.select_action(first), fresh)
+    policy.select_action(second)
+    policy.reset()
+    assert torch.equal(policy.select_action(first), fresh)
+
+
+def test_history_matters(policy):
+    policy.eval()
+    now = observation(1)
+    policy.select_action(observation(1))
+    after_one = policy.select_action(now)
+    policy.reset()
+    policy.select_action(observation(1))
+    assert not torch.equal(after_one, policy.select_action(now))
+
+
+def test_inference_ignores_autocast(policy):
+    policy.eval()
+    batch = observation(2)
+    exact = policy.select_action(batch)
+    policy.reset()
+    with torch.autocast("cpu", torch.bfloat16):
+        assert torch.equal(policy.select_action(batch), exact)
+
+
+def test_time_to_goal_starts_at_the_expected_length_and_stays_above_zero(policy):
+    expected = policy.config.expected_steps[PICK]
+    assert policy._time_to_goal(PICK, 0) == pytest.approx(expected)
+    assert policy._time_to_goal(PICK, 10) == pytest.approx(expected - 10)
+    assert policy._time_to_goal(PICK, 99) == 1
+
+
+def test_a_chunk_is_one_action(policy):
+    policy.eval()
+    batch = observation(3)
+    chunk = policy.predict_action_chunk(batch)
+    policy.reset()
+    assert torch.equal(chunk[:, 0], policy.select_action(batch))
+    assert chunk.shape == (3, 1, 5)
+
+
+# Several tasks.
+
+
+def test_tasks_mix_within_a_batch(two_task_policy):
+    state = torch.randn(2, 19)
+    state[1, 7:] = 0  # padding of the smaller task
+    batch = {STATE: state, GOAL: torch.randn(2, 3), ACHIEVED_GOAL: torch.randn(2, 3), "task": [PICK, REACH]}
+    mixed = two_task_policy.select_action(batch)
+    two_task_policy.reset()
+    pick = two_task_policy.select_action(rows(batch, slice(0, 1)))
+    two_task_policy.reset()
+    reach = two_task_policy.select_action(rows(batch, slice(1, 2)) | {STATE: state[1:, :7], "task": [REACH]})
+    assert mixed.shape == (2, 5) and reach.shape == (1, 4)
+    torch.testing.assert_close(mixed[:1], pick, atol=1e-6, rtol=1e-5)
+    torch.testing.assert_close(mixed[1:, :4], reach, atol=1e-6, rtol=1e-5)
+    assert mixed[1, 4] == 0
+
+
+def test_a_new_task_is_added_beside_the_known_ones(policy, needle_reach_root, tmp_path):
+    policy.save_pretrained(tmp_path)
+    meta = LeRobotDatasetMetadata("local/needle_reach", root=needle_reach_root)
+    tuned = GCDTPolicy.from_pretrained(tmp_path, dataset_meta=meta)
+    assert set(tuned.config.task_dims) == {PICK, REACH}
+    old, new = policy.state_dict(), tuned.state_dict()
+    assert all(torch.equal(value, new[key]) for key, value in old.items())
+
+
+# Training.
+
+
+def test_an_optimiser_step_lowers_the_loss(policy):
+    policy.eval()  # no relabelling: the same trajectories twice
+    batch = {"index": torch.arange(0, 150, 10)}
+    optimizer = torch.optim.AdamW(policy.get_optim_params(), lr=1e-3)
+    before, _ = policy.forward(batch)
+    before.backward()
+    optimizer.step()
+    after, log = policy.forward(batch)
+    assert after < before
+    assert log["action_loss"] == pytest.approx(after.item())
+
+
+@pytest.mark.parametrize(
+    "dtype, chosen", [("float32", None), ("bfloat16", None), ("auto", "bfloat16"), ("auto", "float32")]
+)
+def test_only_the_transformer_trains_in_the_chosen_precision(policy, monkeypatch, dtype, chosen):
+    policy.config.dtype = dtype
+    monkeypatch.setattr(modeling_gcdt, "faster_precision", lambda device: getattr(torch, chosen))
+    seen = []
+    layer = policy.transformer.blocks[0].mlp[0]
+    layer.register_forward_hook(lambda _, __, output: seen.append(output.dtype))
+    policy.modules_of(PICK).action_head.register_forward_hook(lambda _, __, output: seen.append(output.dtype))
+    policy.forward({"index": torch.tensor([0])})
+    assert seen == [getattr(torch, chosen or dtype), torch.float32]
+
+
+def test_hindsight_happens_in_training_mode_only(policy):
+    batch = {"index": torch.arange(10, 50)}
+    policy.eval()
+    demonstrations = policy.forward(batch)[0]
+    policy.train()
+    assert policy.forward(batch)[0] != demonstrations
+
+
+def test_the_unreduced_loss_has_an_entry_a_frame(policy):
+    policy.eval()
+    batch = {"index": torch.tensor([0, 50, 100])}
+    each, _ = policy.forward(batch, reduction="none")
+    assert each.shape == (3,)
+    assert each.mean().item() == pytest.approx(policy.forward(batch)[0].item(), rel=1e-5)  # equally long episodes
+
+
+def test_windows_of_whole_episodes_give_the_loss_of_their_frames(policy, needle_pick_windows):
+    policy.eval()
+    windows = policy.forward(needle_pick_windows, reduction="none")[0]
+    frames = policy.forward({"index": torch.tensor([0, 50])}, reduction="none")[0]
+    torch.testing.assert_close(windows[:2], frames)
+
+
+def test_windows_train_a_policy_without_a_dataset_in_both_stages(two_task_policy, needle_pick_windows):
+    two_task_policy.train()
+    assert list(two_task_policy.forward(needle_pick_windows)[1]) == ["action_loss"]
+    two_task_policy.config.training_stage = "pretrain"
+    loss, log = two_task_policy.forward(needle_pick_windows)
+    assert len(log) == 4
+    loss.backward()
+    assert all(p.grad is not None for p in two_task_policy.modules_of(PICK).parameters())
+
+
+@pytest.mark.parametrize("key", [STATE, GOAL, TIME_TO_GOAL])
+def test_items_are_standardised_as_training_sees_them(policy, key):
+    sequences = policy._draw(torch.arange(200), 1)
+    items = {name: value[:, 0] for name, value in sequences.items.items()}
+    scaled = policy.modules_of(PICK).target(key, items)
+    varying = items[key].std(0) > SMALLEST_STD
+    assert scaled.mean(0).abs().max() < 0.1
+    torch.testing.assert_close(scaled.std(0)[varying], torch.ones(int(varying.sum())), atol=0.1, rtol=0)
+    assert scaled.abs().max() < 50  # numbers that hardly change do not explode
+
+
+# Saving and loading.
+
+
+def test_a_saved_policy_acts_the_same(policy, tmp_path):
+    policy.eval()
+    batch = observation(2)
+    action = policy.select_action(batch)
+    policy.save_pretrained(tmp_path)
+    loaded = GCDTPolicy.from_pretrained(tmp_path)
+    assert torch.equal(loaded.select_action(batch), action)
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["config.json", "model.safetensors"]
+
+
+def test_weights_that_do_not_fit_the_configuration_are_named(policy, tmp_path):
+    policy.save_pretrained(tmp_path)
+    config = GCDTConfig.from_pretrained(tmp_path)
+    config.task_dims = {PICK: [20, 3, 5]}
+    with pytest.raises(ValueError, match="do not fit"):
+        GCDTPolicy.from_pretrained(tmp_path, config=config)
+
+
+# Bad input.
+
+
+def test_an_unknown_task_names_the_known_ones(policy):
+    with pytest.raises(KeyError, match="(?s)Sew a button.*Pick up the needle"):
+        policy.select_action(observation(1, task="Sew a button."))
+
+
+def test_a_missing_observation_is_named(policy):
+    with pytest.raises(KeyError, match=GOAL):
+        policy.select_action({STATE: torch.zeros(1, 19), ACHIEVED_GOAL: torch.zeros(1, 3), "task": [PICK]})
+
+
+def test_an_observation_of_another_size_names_both(policy):
+    with pytest.raises(ValueError, match=r"(?s)\(1, 19\).*\(1, 7\)"):
+        policy.select_action(observation(1, size=7))
+
+
+def test_another_batch_size_without_reset_is_an_error(policy):
+    policy.select_action(observation(2))
+    with pytest.raises(ValueError, match="reset"):
+        policy.select_action(observation(3))
+
+
+def test_a_dataset_of_other_dimensions_is_named(tiny_config, needle_pick_meta):
+    config = copy.deepcopy(tiny_config)
+    config.task_dims = {PICK: [12, 3, 5]}
+    with pytest.raises(ValueError, match=r"\[12, 3, 5\].*\[19, 3, 5\]"):
+        GCDTPolicy(config, dataset_meta=needle_pick_meta)
+
+
+def test_training_without_a_dataset_is_an_error(two_task_policy):
+    with pytest.raises(RuntimeError, match="dataset_meta"):
+        two_task_policy.forward({"index": torch.tensor([0])})
+
+
+# Pretraining on several tasks.
+
+
+@pytest.fixture
+def pretraining(tiny_config, uneven_meta):
+    torch.manual_seed(0)
+    tiny_config.training_stage = "pretrain"
+    return GCDTPolicy(tiny_config, dataset_meta=uneven_meta)
+
+
+def test_a_merged_dataset_gives_every_task_its_natural_sizes(pretraining):
+    assert pretraining.config.task_dims == {PICK: [19, 3, 5], REACH: [7, 3, 5]}
+    assert pretraining.modules_of(REACH).dynamics_head.out_features == 7
+
+
+def test_pretraining_logs_all_four_objectives_and_fine_tuning_one(pretraining):
+    batch = {"index": torch.arange(0, 250, 30)}
+    names = ["action_loss", "dynamics_loss", "time_to_goal_loss", "reconstruction_loss"]
+    loss, log = pretraining.forward(batch)
+    assert list(log) == names
+    assert loss.item() == pytest.approx(log["action_loss"] + 0.1 * sum(log[name] for name in names[1:]), rel=1e-5)
+    pretraining.config.training_stage = "finetune"
+    assert list(pretraining.forward(batch)[1]) == names[:1]
+
+
+@pytest.mark.parametrize("name", ["dynamics", "time_to_goal", "reconstruction"])
+def test_each_auxiliary_objective_can_be_left_out(pretraining, name):
+    setattr(pretraining.config, f"{name}_weight", 0.0)
+    log = pretraining.forward({"index": torch.arange(0, 250, 30)})[1]
+    assert len(log) == 3 and f"{name}_loss" not in log
+
+
+def test_what_is_drawn_for_a_batch_follows_from_its_frames_and_the_step(pretraining):
+    def logged(index, step):
+        pretraining.training_step.fill_(step)
+        return pretraining.forward({"index": index})[1]
+
+    index = torch.arange(0, 250, 30)
+    assert logged(index, 3) == logged(index, 3)
+    assert logged(index, 3) != logged(index, 4)
+    assert logged(index, 3) != logged(index + 1, 3)
+
+
+def test_every_training_step_counts_and_the_count_is_saved(pretraining, tmp_path):
+    batch = {"index": torch.arange(0, 250, 30)}
+    for expected, reduction in ((1, "mean"), (2, "none")):
+        pretraining.forward(batch, reduction)
+        assert pretraining.training_step == expected
+    pretraining.eval().forward(batch)
+    pretraining.save_pretrained(tmp_path)
+    assert GCDTPolicy.from_pretrained(tmp_path).training_step == 2
+
+
+def test_a_checkpoint_from_before_steps_were_counted_loads(pretraining, tmp_path):
+    pretraining.save_pretrained(tmp_path)
+    weights = load_file(tmp_path / "model.safetensors")
+    del weights["training_step"]
+    save_file(weights, tmp_path / "model.safetensors")
+    assert GCDTPolicy.from_pretrained(tmp_path).training_step == 0
+
+
+def test_everything_that_training_needs_moves_with_the_policy(pretraining):
+    pretraining.to("meta")
+    assert pretraining.action_sizes.is_meta
+    bank = copy.copy(pretraining._bank).to("meta")
+    assert bank.timestep.is_meta and all(value.is_meta for value in bank.items.values())
+
+
+def test_tasks_whose_sentences_differ_in_punctuation_share_no_weights(tiny_config):
+    tiny_config.task_dims = {PICK: [19, 3, 5], PICK.replace(".", "!"): [19, 3, 5]}
+    policy = GCDTPolicy(tiny_config)
+    assert policy.modules_of(0) is not policy.modules_of(1)
+
+
+def test_every_task_and_the_shared_weights_learn_from_one_batch(pretraining):
+    pretraining.forward({"index": torch.arange(0, 250, 10)})[0].backward()
+    without = [name for name, parameter in pretraining.named_parameters() if parameter.grad is None]
+    assert without == []
+
+
+def test_fine_tuning_starts_from_the_pretrained_weights_of_backbone_and_task(pretraining, needle_pick_meta, tmp_path):
+    pretraining.save_pretrained(tmp_path)
+    config = GCDTConfig.from_pretrained(tmp_path)
+    config.training_stage = "finetune"
+    tuned = GCDTPolicy.from_pretrained(tmp_path, config=config, dataset_meta=needle_pick_meta)
+    before, after = pretraining.state_dict(), tuned.state_dict()
+    assert before.keys() == after.keys()
+    assert all(torch.equal(value, after[key]) for key, value in before.items())
+    assert list(tuned.train().forward({"index": torch.tensor([0])})[1]) == ["action_loss"]
+
+
+def test_a_checkpoint_without_a_head_names_it(pretraining, tmp_path):
+    pretraining.save_pretrained(tmp_path)
+    weights = load_file(tmp_path / "model.safetensors")
+    lost = next(key for key in weights if "dynamics_head" in key)
+    del weights[lost]
+    save_file(weights, tmp_path / "model.safetensors")
+    with pytest.raises(ValueError, match=lost.replace(".", r"\.")):
+        GCDTPolicy.from_pretrained(tmp_path)
