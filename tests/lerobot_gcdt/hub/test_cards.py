@@ -13,6 +13,7 @@ from gymnasium.envs.registration import load_env_creator
 from huggingface_hub import DatasetCard
 
 import surrol_gym
+from lerobot_gcdt.data.task_layouts import task_layouts
 from lerobot_gcdt.hub.card_tables import number_tables
 from lerobot_gcdt.hub.cards import card, dataset_card
 from lerobot_gcdt.hub.checks import check_card
@@ -179,11 +180,11 @@ def test_the_hub_takes_the_card_of_any_dataset(root):
 # Merged datasets.
 
 
-def test_a_merged_dataset_is_described_task_by_task(uneven_root):
+def test_a_merged_dataset_is_described_task_by_task(uneven_root, uneven_meta):
     text = dataset_card(uneven_root)
     check_card(text, "dataset")
-    for sentence, sizes in read_json(uneven_root / "meta/surrol.json")["task_dims"].items():
-        assert f"| {sentence} | {', '.join(map(str, sizes))} |" in text
+    for sentence, layout in task_layouts(uneven_meta).items():
+        assert f"| {sentence} | {', '.join(map(str, layout.sizes))} |" in text
     assert "gcdt merge" in text and text.count("gcdt record --task") == 2
     for task, numbers in (("NeedlePick", 19), ("NeedleReach", 7)):
         assert len(rows(text.split(f"### {task}\n")[1], "#### `observation.state`")) == numbers
