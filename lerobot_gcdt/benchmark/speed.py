@@ -37,13 +37,14 @@ def main():
             print(line)
 
 
-def measure(root: Path, device: str, context_length: int) -> list[str]:
+def measure(root: Path, device: str, context_length: int, rounds: int = 10) -> list[str]:
     """Measures the default model on a dataset.
 
     Args:
         root: Folder of the dataset.
         device: Where to compute.
         context_length: Steps that the policy looks back on.
+        rounds: Repetitions; the fastest counts.
 
     Returns:
         A line a figure.
@@ -85,10 +86,13 @@ def measure(root: Path, device: str, context_length: int) -> list[str]:
             "windows": step(lambda: policy.forward(next(windows))[0]),
         },
         device,
+        rounds,
     )
-    precisions = _alternate({dtype: step(whole, dtype) for dtype in ("float32", "bfloat16")}, device, rounds=3)
+    # Where bfloat16 is emulated, a step takes seconds.
+    both = {dtype: step(whole, dtype) for dtype in ("float32", "bfloat16")}
+    precisions = _alternate(both, device, min(rounds, 3))
     chosen = str(faster_precision(device)).removeprefix("torch.")
-    first, last = _inference(policy.eval(), device)
+    first, last = _inference(policy.eval(), device, min(rounds, 5))
     real = sequences.real.float().mean().item()
     return [
         f"training step of {BATCH} episodes ({int(sequences.real.sum())} steps): {1e3 * times['step']:.0f} ms",
@@ -116,7 +120,7 @@ def _windows(root: Path, meta: LeRobotDatasetMetadata, device: str) -> Iterator[
             yield {key: value.to(device) if isinstance(value, torch.Tensor) else value for key, value in batch.items()}
 
 
-def _alternate(actions: dict[str, Callable], device: str, rounds: int = 10) -> dict[str, float]:
+def _alternate(actions: dict[str, Callable], device: str, rounds: int) -> dict[str, float]:
     """Fastest time of each action, seconds; they take turns, so that a busy machine slows them all."""
     best = dict.fromkeys(actions, float("inf"))
     for _ in range(rounds):
@@ -133,7 +137,7 @@ def _once(action: Callable, device: str = "cpu") -> float:
     return time.perf_counter() - start
 
 
-def _inference(policy: GCDTPolicy, device: str, rounds: int = 5) -> tuple[float, float]:
+def _inference(policy: GCDTPolicy, device: str, rounds: int) -> tuple[float, float]:
     """Fastest times of ``select_action`` at steps 1 and 100 of one episode, seconds, on one core."""
     sentence, (state, goal, _) = next(iter(policy.config.task_dims.items()))
     batch = {

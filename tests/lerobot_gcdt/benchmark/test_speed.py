@@ -10,7 +10,7 @@ from lerobot_gcdt.policy.precision import faster_precision
 
 @pytest.fixture(scope="module")
 def lines(needle_pick_root):
-    return measure(needle_pick_root, "cpu", 100)
+    return measure(needle_pick_root, "cpu", 100, rounds=1)
 
 
 def test_every_figure_is_printed(lines):
