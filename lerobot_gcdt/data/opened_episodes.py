@@ -25,12 +25,12 @@ def opened_episodes(meta: LeRobotDatasetMetadata) -> list[int] | None:
     Raises:
         ValueError: The dataset is streamed, or was opened before ``lerobot_gcdt`` was imported.
     """
-    note = getattr(meta, _NOTE, _NOTE)
-    if note == _NOTE:
+    if not hasattr(meta, _NOTE):
         raise ValueError(
             f"Nothing tells which episodes of {meta.repo_id} are trained on: open it, as a LeRobotDataset, after "
             "`import lerobot_gcdt`."
         )
+    note = getattr(meta, _NOTE)
     if note == _STREAMED:
         raise ValueError(
             "Whole trajectories are read into memory, so a streamed dataset cannot be trained on; pass "
