@@ -9,11 +9,6 @@ import os
 import sys
 import time
 
-# Nothing here needs the Hub; a test that would ask it fails at once instead of waiting for the network.
-os.environ.setdefault("HF_HUB_OFFLINE", "1")
-# Threads that wait busily for each other make a test beside other work take minutes.
-os.environ.setdefault("OMP_WAIT_POLICY", "passive")
-
 import datasets
 import pytest
 import torch

@@ -458,11 +458,11 @@ assert in_child(uninterrupted) == 0
 duration = time.monotonic() - started
 touches = int(open(os.path.join(sys.argv[1], "touches")).read())
 os.remove(os.path.join(sys.argv[1], "touches"))
-for at in sorted({*range(1, touches, 8), *range(touches - 4, touches + 1)}):
+for at in sorted({*range(1, touches, 16), *range(touches - 4, touches + 1)}):
     killed(f"touch_{at}", lambda folder, at=at: count_touches(folder, at, die))
 for at in (1, 75):
     killed(f"step_{at}", lambda folder, at=at: count_steps(at, die))
-killed_at_random(20, duration)
+killed_at_random(8, duration)
 """
 
 
