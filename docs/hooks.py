@@ -1,0 +1,44 @@
+"""What MkDocs does not do by itself: files of the repository among the pages, formulas that need no script."""
+
+import re
+from html import unescape
+from pathlib import Path
+
+from latex2mathml.converter import convert
+from mkdocs.structure.files import File
+
+ROOT = Path(__file__).parents[1]
+
+SHOWN = ("CHANGELOG.md", "CONTRIBUTING.md", "dataset_cards/*.md", "examples/paper_table/*.md", "examples/**/*.png")
+"""Files beside ``docs/`` that are pages and pictures of the site, under the paths that they have in the repository."""
+
+FORMULA = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', re.DOTALL)
+CITATION = re.compile(r"docs/([a-z_]+)\.md(?:#([a-z0-9-]+))?")
+
+
+def on_files(files, config):
+    """Adds the files of ``SHOWN``."""
+    for pattern in SHOWN:
+        for path in sorted(ROOT.glob(pattern)):
+            files.append(File.generated(config, path.relative_to(ROOT).as_posix(), abs_src_path=str(path)))
+    return files
+
+
+def on_page_markdown(markdown, page, config, files):
+    """Lets links of ``docs/`` to files beside it, which hold in the repository, hold on the site."""
+    return markdown if "/" in page.file.src_uri else markdown.replace("](../", "](")
+
+
+def on_page_content(html, page, config, files):
+    """Turns formulas into MathML, and citations in docstrings into links."""
+    html = FORMULA.sub(_formula, html)
+    return CITATION.sub(lambda cited: _link(cited, page, files), html) if page.file.src_uri.startswith("api/") else html
+
+
+def _formula(found):
+    return convert(unescape(found[2]), display="block" if found[1] == "div" else "inline")
+
+
+def _link(cited, page, files):
+    url = files.get_file_from_path(f"{cited[1]}.md").url_relative_to(page.file)
+    return f'<a href="{url}{"#" + cited[2] if cited[2] else ""}">{cited[0]}</a>'
