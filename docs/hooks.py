@@ -1,10 +1,11 @@
-"""What MkDocs does not do by itself: files of the repository among the pages, formulas that need no script."""
+"""What MkDocs does not do by itself: files of the repository among the pages, the README's tables, formulas as MathML."""
 
 import re
 from html import unescape
 from pathlib import Path
 
 from latex2mathml.converter import convert
+from mkdocs.exceptions import PluginError
 from mkdocs.structure.files import File
 
 ROOT = Path(__file__).parents[1]
@@ -12,6 +13,7 @@ ROOT = Path(__file__).parents[1]
 SHOWN = ("CHANGELOG.md", "CONTRIBUTING.md", "dataset_cards/*.md", "examples/paper_table/*.md", "examples/**/*.png")
 """Files beside ``docs/`` that are pages and pictures of the site, under the paths that they have in the repository."""
 
+TABLE = re.compile(r"<!-- (\w+): the README's -->")
 FORMULA = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', re.DOTALL)
 CITATION = re.compile(r"docs/([a-z_]+)\.md(?:#([a-z0-9-]+))?")
 
@@ -25,8 +27,10 @@ def on_files(files, config):
 
 
 def on_page_markdown(markdown, page, config, files):
-    """Lets links of ``docs/`` to files beside it, which hold in the repository, hold on the site."""
-    return markdown if "/" in page.file.src_uri else markdown.replace("](../", "](")
+    """Inserts the README's tables, and lets links to files beside ``docs/``, as they hold in the repository, hold."""
+    if "/" in page.file.src_uri:
+        return markdown
+    return TABLE.sub(lambda found: _table(found[1]), markdown.replace("](../", "]("))
 
 
 def on_page_content(html, page, config, files):
@@ -35,8 +39,16 @@ def on_page_content(html, page, config, files):
     return CITATION.sub(lambda cited: _link(cited, page, files), html) if page.file.src_uri.startswith("api/") else html
 
 
+def _table(name):
+    readme = (ROOT / "README.md").read_text()
+    return re.search(rf"<!-- {name}: .*?-->\n(.*?)<!-- end of {name} -->", readme, re.DOTALL)[1]
+
+
 def _formula(found):
-    return convert(unescape(found[2]), display="block" if found[1] == "div" else "inline")
+    mathml = convert(unescape(found[2]), display="block" if found[1] == "div" else "inline")
+    if "\\" in mathml:
+        raise PluginError(f"latex2mathml does not know all of {found[2]!r}.")
+    return mathml
 
 
 def _link(cited, page, files):
