@@ -1,4 +1,4 @@
-"""What MkDocs does not do by itself: files of the repository among the pages, the README's tables, formulas as MathML."""
+"""What MkDocs does not do by itself: files of the repository among the pages, the README's tables, MathML."""
 
 import re
 from html import unescape
