@@ -25,7 +25,7 @@ class GCDTConfig(SingleFrames):
         inner_width: Hidden size of the blocks' perceptrons.
         dropout: Dropout in the blocks.
         context_length: Steps that an action is predicted from, its own included, in training and at test time alike.
-            100 is the paper's; 1 measured better (README, "The policy"), because the scripted experts act on what they
+            100 is the paper's; 1 measured better (docs/differences.md), because the scripted experts act on what they
             see now.
         max_timesteps: Size of the timestep embedding; later steps share its last entry.
         hindsight_ratio: Share of the training trajectories that are cut at a random step and relabelled with the goal

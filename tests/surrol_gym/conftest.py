@@ -1,4 +1,4 @@
-"""Fixtures of the simulator's tests. Section numbers in the tests are those of the facts, surrol-facts.md."""
+"""Fixtures of the simulator's tests."""
 
 from dataclasses import dataclass, field
 from functools import cache

@@ -26,7 +26,7 @@ def falling(world):
 
 
 def test_the_engine_has_the_parameters_of_the_original(world):
-    """Section 1.6 of the facts."""
+    """docs/simulator.md#sub-steps."""
     parameters = world.client.getPhysicsEngineParameters()
     assert parameters["fixedTimeStep"] == pytest.approx(1 / 240)
     assert parameters["numSolverIterations"] == 50
@@ -45,7 +45,7 @@ def test_a_client_prints_nothing():
 def test_descriptions_in_metres_are_loaded_five_times_as_large(world):
     needle = world.load("needle.urdf", fixed=False)
     low, high = np.array(world.client.getAABB(needle))
-    # Section 4.0: a half circle of radius 20 mm.
+    # docs/objects.md#needle: a half circle of radius 20 mm.
     np.testing.assert_allclose((high - low)[:2], (0.1, 0.2), atol=0.02)
 
 

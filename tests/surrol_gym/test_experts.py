@@ -4,7 +4,7 @@ import pytest
 
 import surrol_gym
 
-# Steps to first success of the original experts, mean (issue and section 5 of the facts).
+# Steps to first success of the original experts, mean (docs/reference_values.md#the-scripts-of-the-original).
 ORIGINAL = {
     "NeedleReach": 19,
     "GauzeRetrieve": 34,
@@ -20,7 +20,7 @@ ORIGINAL = {
 FASTER = {"BiPegTransfer": "both arms move at a time, and the first waits where it will be needed"}
 """Tasks whose expert is more than 15 % faster than the original, and why."""
 ON_THE_PAD = 3.4219
-"""Height of the needle at rest, su (section 9)."""
+"""Height of the needle at rest, su (docs/reference_values.md#heights-at-rest)."""
 JAW, HEIGHT = 6, 15
 """In the observation of NeedlePick: opening angle of the jaws, height of the needle's middle."""
 

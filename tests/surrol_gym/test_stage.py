@@ -52,7 +52,7 @@ def test_a_picture_has_the_asked_size_and_the_target_in_its_middle(world, render
 
 
 def test_up_is_up_and_plus_y_is_to_the_right_of_a_camera_that_looks_along_minus_x(world, render):
-    """Section 4 of the facts."""
+    """docs/scenes.md#what-all-scenes-share."""
     Ball(world, (0.0, 0.08, 1.08))
     rows, columns = red_pixels(render(world))
     assert rows.mean() < 24

@@ -5,7 +5,7 @@ from surrol_gym.units import SCALING, to_metres, to_su
 
 
 def test_one_scaled_unit_is_0_2_metres():
-    """Section 0 of the facts."""
+    """docs/simulator.md#scaled-units."""
     assert SCALING == 5
     assert to_metres(1.0) == pytest.approx(0.2)
     assert to_su(0.001) == pytest.approx(0.005)

@@ -14,7 +14,7 @@ from gymnasium.utils.env_checker import check_env
 
 import surrol_gym
 
-# Sizes of observation, goal and action (Table I of the paper) and steps of an episode (headline table of the facts).
+# Sizes of observation, goal and action (Table I of the paper) and steps of an episode (docs/environments.md).
 SIZES = {
     "NeedleReach": (7, 3, 5, 50),
     "GauzeRetrieve": (19, 3, 5, 50),

@@ -75,7 +75,7 @@ def attach(scene):
 
 def test_closing_on_an_object_that_both_jaws_touch_attaches_it(scene):
     assert not scene.control_step(closing=True, touched=BOTH)
-    # The touch of one step makes the grasp active in the action of the next (section 2.1).
+    # The touch of one step makes the grasp active in the action of the next (docs/grasping.md#the-rule).
     assert scene.control_step(closing=True, touched=BOTH)
     assert scene.constraints() == 1
 
@@ -152,7 +152,7 @@ def test_an_attached_object_follows_link_5(scene):
 
 
 def test_the_constraint_pulls_with_20_at_most(scene):
-    """Section 2.1."""
+    """docs/grasping.md#the-rule."""
     attach(scene)
     client = scene.world.client
     info = client.getConstraintInfo(client.getConstraintUniqueId(1))

@@ -1,4 +1,4 @@
-"""What an action does (section 2 of the facts)."""
+"""What an action does (docs/actions.md#what-an-action-does)."""
 
 from dataclasses import replace
 
@@ -9,7 +9,8 @@ import pytest
 from surrol_gym.envs.psm_env import PITCH, YAW, Mount, PSMEnv, psm2
 
 YAW_TASKS = ("NeedlePick", "PegTransfer", "BiPegTransfer", "MatchBoardPanel", "PickAndPlace", "MatchBoard")
-# Task, arm, start position, lowest and highest position of link 5, turn of a full action (sections 1.7 and 2).
+# Task, arm, start position, lowest and highest position of link 5, turn of a full action (docs/psm.md#start-poses,
+# docs/actions.md).
 ARMS = [
     ("NeedleReach", 0, (2.5, 0.25, 3.776), (2.48, -0.27, 3.426), (3.02, 0.27, 3.856), 0),
     ("GauzeRetrieve", 0, (2.5, 0.25, 3.601), (2.48, -0.27, 3.426), (3.02, 0.27, 3.856), 0),
@@ -34,7 +35,7 @@ either_arm = pytest.mark.parametrize("case", ["NeedlePick-psm1", "NeedleRegrasp-
 
 @pytest.fixture(scope="module", params=IDS)
 def case(request):
-    """An environment, the number of an arm, and what the facts say of it."""
+    """An environment, the number of an arm, and what was measured of it."""
     task, arm, start, low, high, turn = ARMS[IDS.index(request.param)]
     env = gym.make(f"surrol/{task}-v0").unwrapped
     yield env, arm, start, np.array(low), np.array(high), np.deg2rad(turn)
@@ -67,7 +68,7 @@ def to_the_air(env, arm, low, high):
         env.step(motion(env, arm, z=-0.5))
 
 
-def test_an_episode_starts_where_the_facts_say(case):
+def test_an_episode_starts_where_the_original_does(case):
     env, arm, start, low, high, _ = case
     observation = env.reset(seed=1)[0]["observation"][7 * arm : 7 * arm + 7]
     assert np.all(observation[:3] > low - 1e-3)
@@ -82,7 +83,7 @@ def test_an_episode_starts_where_the_facts_say(case):
 @pytest.mark.parametrize("size", [1.0, -0.1])
 @either_arm
 def test_an_action_moves_link_5_by_its_share_of_0_05_su(case, size):
-    """Section 9: 0.9936 x 0.05 x size."""
+    """docs/reference_values.md#motion: 0.9936 x 0.05 x size."""
     env, arm, _, low, high, _ = case
     to_the_air(env, arm, low, high)
     for _ in range(2):
@@ -122,7 +123,7 @@ def test_a_negative_gripper_closes_and_any_other_opens(case, gripper, angle):
     assert np.rad2deg(env.arms[arm].jaw_angle()) == pytest.approx(expected, abs=0.5)
 
 
-def test_the_workspace_is_that_of_the_facts(case):
+def test_the_workspace_is_that_of_the_original(case):
     env, arm, _, low, high, _ = case
     np.testing.assert_allclose(env.mounts[arm].limits(), (low, high))
 

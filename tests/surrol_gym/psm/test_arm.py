@@ -17,12 +17,12 @@ from surrol_gym.psm.arm import (
     quaternion_to_matrix,
 )
 
-# Base position, metres, yaw of the base and RCM point, metres (section 1.1).
+# Base position, metres, yaw of the base and RCM point, metres (docs/psm.md#where-the-arms-stand).
 PSM1 = (0.05, 0.24, 0.8524), np.deg2rad(-110), (0.507066, 0.073641, 0.8524)
 PSM2 = (0.05, -0.24, 0.8524), np.deg2rad(-70), (0.507066, -0.073641, 0.8524)
 SUB_STEPS = 48
 CONVERGENCE = 0.9936
-"""Share of the commanded motion that one control step realises (sections 1.5 and 9)."""
+"""Share of the commanded motion that one control step realises (docs/psm.md#motors)."""
 
 
 @pytest.fixture(scope="module")
@@ -131,7 +131,7 @@ def test_opening_the_jaws_leaves_link_5_in_place(world, ready):
 
 @pytest.mark.parametrize("euler", [DOWN, np.deg2rad((0, -90, -90)), np.deg2rad((-60, 5, 100))])
 def test_the_tip_is_10_2_mm_ahead_along_the_tool(arm, euler):
-    """Section 1.2: 0.051 su along the y axis of link 5."""
+    """docs/psm.md#link-5-and-the-tip: 0.051 su along the y axis of link 5."""
     arm.reset((2.75, 0.1, 3.6), euler)
     ahead = arm.tip() - arm.pose()[0]
     np.testing.assert_allclose(ahead, 0.051 * Rotation.from_euler("xyz", euler).as_matrix()[:, 1], rtol=0, atol=1e-6)
@@ -163,7 +163,7 @@ def test_the_drawn_arm_has_the_chain_of_the_closed_form(base_position, base_yaw,
 
 
 def test_the_drawn_jaws_are_where_the_simulated_ones_are(world, ready):
-    """Facts, section 1.2: the drawn gripper stands for the simulated one, wherever it went."""
+    """docs/psm.md#link-5-and-the-tip: the drawn gripper stands for the simulated one, wherever it went."""
     ready.command_jaws(JAW_OPEN)
     ready.move_to((2.7, 0.05, 3.68), DOWN + (0, 0, 0.4))
     world.step(2 * SUB_STEPS)
@@ -222,7 +222,7 @@ def test_jaws_that_squeeze_an_object_both_touch_it_and_feel_it(world, ready):
         ready.sense()
         assert ready.touches(needle) == (True, True)
         assert ready.contact_force > 0
-        # Section 9: the jaws close on the needle at about 0.168 rad.
+        # docs/reference_values.md#motion: the jaws close on the needle at about 0.168 rad.
         assert ready.jaw_angle() == pytest.approx(0.168, abs=0.02)
     finally:
         world.client.removeBody(needle)

@@ -15,14 +15,14 @@ from surrol_gym.psm.kinematics import (
 
 INSERTION, ROLL, WRIST_PITCH = 2, 3, 4
 
-# RCM point, metres, and yaw of the base, degrees (section 1.1).
+# RCM point, metres, and yaw of the base, degrees (docs/psm.md#where-the-arms-stand).
 PSM1 = ((0.507066, 0.073641, 0.8524), -110)
 PSM2 = ((0.507066, -0.073641, 0.8524), -70)
 BOARD_PSM1 = ((0.507066, 0.083641, 0.8224), -110)
 BOARD_PSM2 = ((0.507066, -0.093641, 0.8524), -70)
 
 DOWN, FORWARD, LEFT, BOARD_DOWN = (-90, 0, 90), (0, -90, -90), (0, 0, -180), (-90, 0, 0)
-# Arm, position of link 5 (su), Euler angles (degrees) and joints of every start (section 1.7).
+# Arm, position of link 5 (su), Euler angles (degrees) and joints of every start (docs/psm.md#start-poses).
 STARTS = [
     (PSM1, (2.5, 0.25, 3.776), DOWN, (0.2505, -0.0078, 0.1068, -0.3388, -0.0776, -0.2386)),
     (PSM1, (2.5, 0.25, 3.601), DOWN, (0.1855, -0.0072, 0.1410, -0.3434, -0.0564, -0.1770)),
@@ -42,7 +42,7 @@ def random_joints(count, seed=0):
 
 
 def denavit_hartenberg(joints):
-    """Link 5 in the RCM frame by the table of section 1.2, modified convention."""
+    """Link 5 in the RCM frame by the table of docs/psm.md#kinematics, modified convention."""
     q1, q2, q3, q4, q5, q6 = joints
     half = np.pi / 2
     rows = [

@@ -6,7 +6,7 @@ from surrol_gym.tasks.bi_peg_board import BiPegBoardEnv
 
 CLOSE = -1.0
 STILL = np.array((0, 0, 0, 0, CLOSE) * 2)
-HANGING_Y = (-0.3237, -0.1943, -0.0648)  # section 4.7
+HANGING_Y = (-0.3237, -0.1943, -0.0648)  # docs/scenes.md#bi-peg-board
 HANGING_HEIGHT, FLAT_HEIGHT = 3.780, 3.456
 GOAL = np.array((2.75, 0.185, 3.4545))
 FLAT = (0.0, np.sqrt(0.5), 0.0, np.sqrt(0.5))
@@ -64,7 +64,7 @@ def put(env, position, orientation=FLAT, steps=5):
 
 
 def test_the_rings_hang_on_three_pegs(resets):
-    """Sections 4.7 and 9."""
+    """docs/scenes.md#bi-peg-board."""
     for observation, _, others in resets:
         rings = np.array([observation["observation"][14:17], *others])
         np.testing.assert_allclose(rings[:, 0], 2.3985, rtol=0, atol=1e-3)
@@ -91,7 +91,7 @@ def test_the_goal_is_around_the_right_upright_peg(resets):
 
 
 def test_the_arms_start_in_front_of_the_board_without_touching_it(resets):
-    """Section 1.7, but for x: 2.35 there, inside the board."""
+    """docs/psm.md#start-poses, but for x: 2.35 there, inside the board."""
     for observation, info, _ in resets[:3]:
         state = observation["observation"]
         np.testing.assert_allclose(state[:3], (2.365, 0.25, 3.976), rtol=0, atol=1e-3)
@@ -122,7 +122,7 @@ def test_every_index_of_the_observation_holds_what_the_docstring_says(env, steps
     np.testing.assert_allclose(state[14:17], centre, atol=1e-6)
     np.testing.assert_allclose(state[17:20], state[14:17] - state[:3], atol=1e-6)
     np.testing.assert_allclose(state[20:23], state[14:17] - state[7:10], atol=1e-6)
-    for start, point in ((23, (0, 0.074, 0)), (29, (0, -0.0231, 0.0786))):  # section 4.7
+    for start, point in ((23, (0, 0.074, 0)), (29, (0, -0.0231, 0.0786))):  # docs/scenes.md#bi-peg-board
         np.testing.assert_allclose(state[start : start + 3], centre + axes @ point, atol=1e-5)
         turned = client.getMatrixFromQuaternion(client.getQuaternionFromEuler(state[start + 3 : start + 6].tolist()))
         np.testing.assert_allclose(np.reshape(turned, (3, 3)), axes, atol=1e-3)
@@ -146,7 +146,7 @@ def test_the_names_say_the_same(env):
 
 @pytest.mark.parametrize(("arm", "angle", "step"), [(0, 1, 15), (1, 2, 30)], ids=["PSM1 pitches", "PSM2 yaws"])
 def test_a_full_turn_action_turns_by_its_step(env, arm, angle, step):
-    """Section 2."""
+    """docs/actions.md#what-an-action-does."""
     env.reset(seed=0)
     away = STILL.copy()
     away[[0, 5]] = 1
@@ -161,7 +161,8 @@ def test_a_full_turn_action_turns_by_its_step(env, arm, angle, step):
 
 
 def test_psm1_points_sideways_and_pitch_rolls_it(env):
-    """Section 2: at pitch 0 the tool points along (0, -0.966, -0.259), at 90 degrees it is horizontal."""
+    """docs/actions.md#what-an-action-does: at pitch 0 the tool points along (0, -0.966, -0.259), at 90 degrees it is
+    horizontal."""
     env.reset(seed=0)
     client = env.world.client
     action = STILL.copy()
@@ -251,7 +252,8 @@ def test_bringing_the_tool_to_the_goal_without_the_ring_is_no_success(env):
 
 
 def test_the_ring_is_attached_to_one_arm_at_a_time_and_for_a_step_to_none(env):
-    """Section 2.1: while PSM2 holds the ring PSM1 cannot become active, so friction holds it in between."""
+    """docs/grasping.md#the-rule: while PSM2 holds the ring PSM1 cannot become active, so friction holds it in
+    between."""
     expert = surrol_gym.make_expert(env)
     observation, _ = env.reset(seed=0)
     history = []
@@ -274,7 +276,7 @@ def test_the_jaws_close_on_the_tube_of_the_ring(env, arm, held):
 
 
 def test_a_ring_low_above_the_plate_is_held_by_friction_alone(env):
-    """Section 2.1: attached only 0.05 above the goal."""
+    """docs/grasping.md#the-rule: attached only 0.05 above the goal."""
     observation = put(env, (2.6, -0.1, 3.46))[0]
     expert = surrol_gym.make_expert(env)
     heights = []

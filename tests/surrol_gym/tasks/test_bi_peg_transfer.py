@@ -6,7 +6,7 @@ import surrol_gym
 from surrol_gym.tasks.bi_peg_transfer import BiPegTransferEnv
 
 OPEN, CLOSE = 1.0, -1.0
-REST_HEIGHT, GOAL_HEIGHT = 3.5275, 3.545  # sections 4.6 and 9
+REST_HEIGHT, GOAL_HEIGHT = 3.5275, 3.545  # docs/scenes.md#bi-peg-transfer
 TARGETS = np.array([(2.6, 0.215), (2.7, 0.215), (2.8, 0.215), (2.6, 0.065), (2.7, 0.065), (2.8, 0.065)])
 SOURCES = np.array(
     [(2.585, -0.135), (2.815, -0.135), (2.6425, -0.0354), (2.7575, -0.0354), (2.6425, -0.2346), (2.7575, -0.2346)]
@@ -80,7 +80,7 @@ def test_the_blocks_rest_at_their_measured_height(resets):
 
 
 def test_there_is_a_block_on_every_source_peg_and_the_red_one_on_any(resets):
-    """Section 4.6."""
+    """docs/scenes.md#bi-peg-transfer."""
     reds = [nearest(red, SOURCES) for _, (red, _), _ in resets]
     for red, (_, _, others) in zip(reds, resets, strict=True):
         assert sorted([red, *(nearest(other, SOURCES) for other, _ in others)]) == list(range(6))
@@ -196,7 +196,7 @@ def test_a_block_held_above_the_goal_is_no_success(env):
 
 
 def test_the_block_changes_hands_and_is_never_attached_to_both_arms(demonstrations):
-    """Section 2.1: the receiving arm attaches it in the step after the giving arm opened."""
+    """docs/grasping.md#the-rule: the receiving arm attaches it in the step after the giving arm opened."""
     for episode in demonstrations("BiPegTransfer")[:3]:
         pairs = zip(episode.attached, episode.actions, strict=True)
         holders = [(*attached, bool(action[9] >= 0)) for attached, action in pairs]
@@ -221,7 +221,7 @@ def test_an_arm_cannot_attach_the_block_that_the_other_holds(env):
 
 
 def test_the_jaws_hold_the_block_at_the_measured_angle(env):
-    """Section 9: about 0.147 rad; a few degrees of tilt make a wall look thicker to the jaws."""
+    """docs/reference_values.md: about 0.147 rad; a few degrees of tilt make a wall look thicker to the jaws."""
     lifted = [run(env, 50, lambda one: one["achieved_goal"][2] > REST_HEIGHT + 0.05, seed)[-1][0] for seed in range(6)]
     np.testing.assert_allclose([one["observation"][13] for one in lifted], 0.147, rtol=0, atol=0.045)
 

@@ -5,7 +5,7 @@ import surrol_gym
 from surrol_gym.tasks.gauze_retrieve import GauzeRetrieveEnv
 
 OPEN, CLOSE = 1.0, -1.0
-REST_HEIGHT = 3.3891  # sections 4.0 and 9
+REST_HEIGHT = 3.3891  # docs/reference_values.md#heights-at-rest
 
 
 @pytest.fixture(scope="module")
@@ -66,13 +66,13 @@ def test_the_gauze_rests_flat_at_its_measured_height(resets):
     np.testing.assert_allclose(poses[:, 2:], 0, rtol=0, atol=5e-3)
 
 
-def test_the_tray_lies_where_section_4_says(env):
+def test_the_tray_lies_where_the_original_has_it(env):
     env.reset(seed=0)
     assert env.world.client.rayTest((2.85, 0.3, 5), (2.85, 0.3, 0))[0][3][2] == pytest.approx(3.3816, abs=2e-4)
 
 
 def test_the_arm_starts_above_the_tray_with_closed_jaws(resets):
-    """Section 1.7."""
+    """docs/psm.md#start-poses."""
     for one in resets[:20]:
         np.testing.assert_allclose(
             one["observation"][:7], (2.5, 0.25, 3.601, -np.pi / 2, 0, np.pi / 2, 0), rtol=0, atol=1e-3
@@ -80,7 +80,7 @@ def test_the_arm_starts_above_the_tray_with_closed_jaws(resets):
 
 
 def test_the_gauze_lies_anywhere_in_its_range(resets):
-    """Section 4.2: within 0.05 of (2.75, 0), uniform."""
+    """docs/scenes.md#gauze-retrieve: within 0.05 of (2.75, 0), uniform."""
     draws = np.array([one["observation"][7:9] - (2.75, 0) for one in resets])
     assert np.all(np.abs(draws) < 0.05 + 2e-3)
     assert np.all(draws.max(axis=0) > 0.0475)
@@ -90,7 +90,7 @@ def test_the_gauze_lies_anywhere_in_its_range(resets):
 
 
 def test_goals_are_normally_distributed_in_the_air(resets):
-    """Section 4.2: around (2.75, 0), standard deviation 0.1, height 3.626; but within reach."""
+    """docs/scenes.md#gauze-retrieve: around (2.75, 0), standard deviation 0.1, height 3.626; but within reach."""
     goals = np.array([one["desired_goal"] for one in resets])
     np.testing.assert_allclose(goals[:, 2], 3.626, rtol=0, atol=1e-6)
     # Four standard errors of 300 draws.
@@ -133,7 +133,7 @@ def test_the_names_of_the_observation_say_the_same(env):
 
 @pytest.mark.parametrize("turn", [1.0, -0.4])
 def test_the_turn_has_no_effect(env, turn):
-    """Section 2: the orientation is fixed in this task."""
+    """docs/actions.md#what-an-action-does: the orientation is fixed in this task."""
     motions = np.random.default_rng(0).uniform(-1, 1, (6, 3))
     played = []
     for angle in (0.0, turn):
@@ -195,7 +195,7 @@ def test_the_expert_retries_a_missed_grasp(env):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_the_gauze_is_attached_only_after_it_was_lifted_by_0_0125(env, seed):
-    """Section 2.1; until then friction alone holds it."""
+    """docs/grasping.md#the-rule; until then friction alone holds it."""
     rest = grip(env, seed)["achieved_goal"][2]
     history = []
     for _ in range(12):

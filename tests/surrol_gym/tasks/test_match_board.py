@@ -67,7 +67,7 @@ def lifted(height):
 
 
 def test_the_piece_rests_at_its_measured_height(resets):
-    """Sections 4.10 and 9."""
+    """docs/scenes.md#match-board."""
     for one in resets:
         is_bar = one["observation"][7] == 1
         height = 3.3829 if is_bar else 3.3906
@@ -82,7 +82,7 @@ def test_every_piece_comes_as_often(resets):
 
 
 def test_pieces_start_at_the_five_places(resets):
-    """Section 4.10; the sixth place of the original's list is never drawn there, either."""
+    """docs/scenes.md#match-board; the sixth place of the original's list is never drawn there, either."""
     places = np.array([one["observation"][8:10] - BOARD_POSITION[:2] for one in resets])
     distance = np.linalg.norm(places[:, None] - STARTS, axis=-1)
     assert distance.min(axis=1).max() < 2e-3
@@ -140,7 +140,7 @@ def test_every_index_of_the_observation_holds_what_the_docstring_says(env, seeds
     centre, orientation = client.getBasePositionAndOrientation(piece)
     np.testing.assert_allclose(state[8:11], centre, atol=1e-6)
     np.testing.assert_allclose(state[11:14], state[8:11] - state[:3], atol=1e-6)
-    # Section 4.10; our y is the original's -z, our z its y.
+    # docs/scenes.md#match-board; our y is the original's -z, our z its y.
     mark = {"0": (0, -0.0045, 0.0015), "4": (0.0006, 0, 0), "B": (0.0006, -0.0009, 0.0006)}[glyph]
     rotation = np.reshape(client.getMatrixFromQuaternion(orientation), (3, 3))
     np.testing.assert_allclose(state[14:17], centre + rotation @ mark, atol=1e-6)
@@ -222,7 +222,7 @@ def test_holding_the_piece_above_its_recess_is_no_success(env, seeds):
 
 @pytest.mark.parametrize("glyph", GLYPHS)
 def test_a_piece_is_attached_only_after_its_mark_was_lifted_by_0_04(env, seeds, glyph):
-    """Section 2.1; until then friction alone holds it."""
+    """docs/grasping.md#the-rule; until then friction alone holds it."""
     expert = surrol_gym.make_expert(env)
     observation, _ = env.reset(seed=seeds[glyph])
     rest = observation["observation"][16]
@@ -284,7 +284,7 @@ def test_a_held_piece_is_part_of_the_state(env, seeds, height, attached):
 
 @pytest.mark.parametrize("glyph", GLYPHS)
 def test_the_expert_puts_every_piece_into_its_recess(env, seeds, glyph):
-    """Section 5.10: the original first succeeds at steps 36 to 55."""
+    """docs/reference_values.md#the-scripts-of-the-original: the original first succeeds at steps 36 to 55."""
     expert = surrol_gym.make_expert(env)
     observation, _ = env.reset(seed=seeds[glyph])
     successes = []

@@ -6,7 +6,7 @@ import surrol_gym
 from surrol_gym.tasks.match_board_panel import MatchBoardPanelEnv
 
 OPEN, CLOSE = 1.0, -1.0
-REST_HEIGHT = 3.3882  # section 9
+REST_HEIGHT = 3.3882  # docs/reference_values.md#heights-at-rest
 CELL_REST = 3.3999
 """Height of a letter that lies on a plate: half its thickness and PyBullet's margin above it."""
 
@@ -56,7 +56,7 @@ def arrange(env, letter, opened, euler=(0, 0, 0), seed=0):
 
 
 def test_the_letter_lies_beside_the_panel(resets):
-    """Sections 4.8 and 9: x in [3.0, 3.01], y in [0.175, 0.195], each uniform; at rest 3.3882 high."""
+    """docs/scenes.md#match-board-panel: x in [3.0, 3.01], y in [0.175, 0.195], each uniform; at rest 3.3882 high."""
     letters = np.array([one["observation"][7:10] for one in resets])
     np.testing.assert_allclose(letters[:, 2], REST_HEIGHT, rtol=0, atol=3e-4)
     low, high = np.array((3.0, 0.175)), np.array((3.01, 0.195))
@@ -94,7 +94,7 @@ def test_the_letter_and_the_lids_stay_where_they_are(env):
 
 
 def test_the_arm_starts_as_the_original(env):
-    """Section 1.7."""
+    """docs/psm.md#start-poses."""
     state = env.reset(seed=0)[0]["observation"]
     np.testing.assert_allclose(state[:3], (2.4, 0.125, 3.626), rtol=0, atol=1e-4)
     np.testing.assert_allclose(state[3:7], (-np.pi / 2, 0, np.pi / 2, 0), rtol=0, atol=1e-3)
@@ -118,7 +118,7 @@ def test_every_index_of_the_observation_holds_what_the_docstring_says(env, episo
     np.testing.assert_allclose(numbers[7:10], letter[0], atol=1e-6)
     np.testing.assert_allclose(numbers[10:13], numbers[7:10] - numbers[:3], atol=1e-6)
     turn = pybullet.getQuaternionFromEuler((0, 0, np.pi / 2))
-    grip = pybullet.multiplyTransforms(*letter, (0, -0.03125, 0.0375), turn)  # section 4.8
+    grip = pybullet.multiplyTransforms(*letter, (0, -0.03125, 0.0375), turn)  # docs/scenes.md#match-board-panel
     np.testing.assert_allclose(numbers[13:16], grip[0], atol=1e-6)
     np.testing.assert_allclose(numbers[16:19], pybullet.getEulerFromQuaternion(grip[1]), atol=1e-6)
     row = round((observation["desired_goal"][0] - 2.625) / 0.125)
@@ -186,7 +186,7 @@ def test_success_is_within_0_025_of_both_parts_together(env, parts, success):
 
 
 def test_lids_stay_where_they_are_left_and_move_only_when_pushed(episode):
-    """Section 4.8: only the arm overcomes the 240 N su of their motors."""
+    """docs/scenes.md#match-board-panel: only the arm overcomes the 240 N su of their motors."""
     amounts = np.array([slid(observation) for observation, _, _ in episode])
     opened = np.argmax(amounts > 0.354)
     placed = next(
@@ -208,7 +208,7 @@ def test_a_letter_falling_on_an_open_lid_does_not_move_it(env):
 
 
 def test_friction_alone_holds_the_letter(env, episode):
-    """Section 2.1: no constraint attaches it in this task."""
+    """docs/grasping.md#the-rule: no constraint attaches it in this task."""
     assert not env.grasps[0]
     assert env.world.client.getNumConstraints() == 1, "the one that holds link 5"
     carried = [one["observation"] for one, _, _ in episode if one["observation"][9] > 3.43]

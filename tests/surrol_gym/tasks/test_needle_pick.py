@@ -5,7 +5,7 @@ import surrol_gym
 from surrol_gym.tasks.needle_pick import NeedlePickEnv
 
 OPEN, CLOSE = 1.0, -1.0
-REST_HEIGHT = 3.4219  # sections 4.0 and 9
+REST_HEIGHT = 3.4219  # docs/reference_values.md#heights-at-rest
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +65,7 @@ def test_the_needle_lies_still(env):
 
 
 def test_the_needle_lies_anywhere_in_its_range(resets):
-    """Section 4.3: centre of the arc within 0.05 of (2.75, 0), yaw within 90 degrees, each uniform."""
+    """docs/scenes.md#needle-pick: centre of the arc within 0.05 of (2.75, 0), yaw within 90 degrees, each uniform."""
     draws = []
     for one in resets:
         middle, yaw = one["observation"][13:15], one["observation"][18]
@@ -79,7 +79,7 @@ def test_the_needle_lies_anywhere_in_its_range(resets):
 
 
 def test_goals_are_normally_distributed_in_the_air(resets):
-    """Section 4.3: around (2.75, 0), standard deviation 0.05, height 3.576."""
+    """docs/scenes.md#needle-pick: around (2.75, 0), standard deviation 0.05, height 3.576."""
     goals = np.array([one["desired_goal"] for one in resets])
     np.testing.assert_allclose(goals[:, 2], 3.576, rtol=0, atol=1e-6)
     # Four standard errors of 300 draws.
@@ -90,7 +90,7 @@ def test_goals_are_normally_distributed_in_the_air(resets):
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_pinned_the_scene_is_that_of_the_released_demonstration(pinned, seed):
-    """Section 6, NeedlePickRL."""
+    """docs/reference_values.md#released-demonstrations, NeedlePickRL."""
     observation, _ = pinned.reset(seed=seed)
     state = observation["observation"]
     np.testing.assert_allclose(state[7:10], (2.6896, -0.0196, 3.4219), rtol=0, atol=1e-4)
@@ -125,7 +125,7 @@ def test_every_index_of_the_observation_holds_what_the_docstring_says(env, steps
     body = next(body for body in range(client.getNumBodies()) if client.getBodyInfo(body)[1] == b"needle")
     centre_of_mass, orientation = client.getBasePositionAndOrientation(body)
     axis = np.reshape(client.getMatrixFromQuaternion(orientation), (3, 3))[:, 0]
-    arc_centre = centre_of_mass + 0.0635 * axis  # section 3
+    arc_centre = centre_of_mass + 0.0635 * axis  # docs/objects.md#needle
     np.testing.assert_allclose(state[7:10], centre_of_mass, atol=1e-6)
     np.testing.assert_allclose(state[10:13], state[7:10] - state[:3], atol=1e-6)
     np.testing.assert_allclose(state[13:16], arc_centre - 0.1 * axis, atol=1e-5)
@@ -143,7 +143,7 @@ def test_the_names_of_the_observation_say_the_same(env):
 
 
 def test_a_turn_of_one_is_30_degrees(env):
-    """Section 2."""
+    """docs/actions.md#what-an-action-does."""
     env.reset(seed=0)
     env.step(np.array((0, 0, 0.5, 0, CLOSE)))
     for turn in (1.0, -0.5):
@@ -206,7 +206,7 @@ def test_lifting_from_the_needle_with_open_jaws_is_no_success(env):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_the_needle_is_attached_only_after_it_was_lifted_by_0_025(env, seed):
-    """Section 2.1; until then friction alone holds it."""
+    """docs/grasping.md#the-rule; until then friction alone holds it."""
     expert = surrol_gym.make_expert(env)
     observation, _ = env.reset(seed=seed)
     rest = observation["observation"][15]
@@ -223,7 +223,7 @@ def test_the_needle_is_attached_only_after_it_was_lifted_by_0_025(env, seed):
 
 
 def test_the_jaws_hold_the_needle_at_the_measured_angle(env):
-    """Section 9: about 0.168 rad."""
+    """docs/reference_values.md: about 0.168 rad."""
     observation = lift(env, 0.1)
     assert observation["observation"][6] == pytest.approx(0.168, abs=0.02)
 

@@ -14,7 +14,8 @@ def env():
 def needle(env):
     """Centre and middle of the needle's arc and the needle's yaw.
 
-    The centre of mass lies 0.0635 su from the centre, along the needle's -x; the middle 0.1 su (sections 3 and 4.0).
+    The centre of mass lies 0.0635 su from the centre, along the needle's -x; the middle 0.1 su
+    (docs/objects.md#needle).
     """
     client = env.world.client
     body = next(body for body in range(client.getNumBodies()) if client.getBodyInfo(body)[1] == b"needle")
@@ -29,11 +30,11 @@ def test_the_goal_is_0_025_above_the_middle_of_the_needle(env, seed):
     observation, _ = env.reset(seed=seed)
     _, middle, _ = needle(env)
     np.testing.assert_allclose(observation["desired_goal"], middle + (0, 0, 0.025), atol=1e-5)
-    assert observation["desired_goal"][2] == pytest.approx(3.4469, abs=5e-4)  # section 4.1
+    assert observation["desired_goal"][2] == pytest.approx(3.4469, abs=5e-4)  # docs/scenes.md#needle-reach
 
 
 def test_the_needle_lies_anywhere_in_its_range(env):
-    """Section 4.1: centre of the arc within 0.05 of (2.75, 0), yaw within 90 degrees, each uniform."""
+    """docs/scenes.md#needle-reach: centre of the arc within 0.05 of (2.75, 0), yaw within 90 degrees, each uniform."""
     env.reset(seed=0)
     draws = []
     for _ in range(100):
@@ -49,7 +50,7 @@ def test_the_needle_lies_anywhere_in_its_range(env):
 
 
 def test_the_achieved_goal_is_the_tip_of_the_tool(env):
-    """The tip is 0.051 su below link 5 of a tool that points down (section 1.2)."""
+    """The tip is 0.051 su below link 5 of a tool that points down (docs/psm.md#link-5-and-the-tip)."""
     observation, _ = env.reset(seed=0)
     for action in np.random.default_rng(0).uniform(-1, 1, (5, 5)):
         np.testing.assert_allclose(
@@ -90,7 +91,7 @@ def test_the_needle_stays_where_it_is_while_the_tool_is_above(env):
     np.testing.assert_allclose(observation["desired_goal"], before + (0, 0, 0.025), atol=1e-4)
 
 
-def test_tray_and_table_are_where_section_4_says(env):
+def test_tray_and_table_are_where_the_original_has_them(env):
     env.reset(seed=0)
     assert height_at(env, 2.85, 0.3) == pytest.approx(3.4178, abs=2e-4)  # pad
     assert height_at(env, 2.75, -0.7) == pytest.approx(3.380, abs=2e-4)  # table

@@ -67,7 +67,7 @@ def test_psm1_holds_the_needle_from_the_start(env):
 
 
 def test_the_needle_hangs_anywhere_in_its_range(resets):
-    """Section 4.5: the middle third of PSM1's workspace, uniform."""
+    """docs/scenes.md#needle-regrasp: the middle third of PSM1's workspace, uniform."""
     draws = np.array([one["observation"][14:17] for one in resets])
     low, high = np.array((2.8333, 0.1667, 3.6093)), np.array((2.9167, 0.2833, 3.6927))
     assert np.all((low - 2e-3 < draws) & (draws < high + 2e-3))
@@ -78,7 +78,7 @@ def test_the_needle_hangs_anywhere_in_its_range(resets):
 
 
 def test_psm1_and_the_needle_start_as_in_the_released_demonstrations(resets):
-    """Section 6, NeedleRegraspRL."""
+    """docs/reference_values.md#released-demonstrations, NeedleRegraspRL."""
     states = np.array([one["observation"] for one in resets])
     np.testing.assert_allclose(states[:, :3].mean(axis=0), (2.832, 0.309, 3.662), rtol=0, atol=0.008)
     assert states[:, 4].mean() == pytest.approx(-0.534, abs=0.03)
@@ -91,7 +91,8 @@ def test_psm1_and_the_needle_start_as_in_the_released_demonstrations(resets):
 
 
 def test_psm2_waits_with_closed_jaws(resets):
-    """Section 6: Euler angles (0, -1.5708, 4.7115), the last up to whole turns."""
+    """docs/reference_values.md#released-demonstrations: Euler angles (0, -1.5708, 4.7115), the last up to whole
+    turns."""
     states = np.array([one["observation"][7:14] for one in resets])
     np.testing.assert_allclose(states[:, :3], [(2.875, -0.225, 3.651)] * 300, rtol=0, atol=1e-3)
     np.testing.assert_allclose(states[:, 4], -np.pi / 2, rtol=0, atol=2e-3)
@@ -99,7 +100,7 @@ def test_psm2_waits_with_closed_jaws(resets):
 
 
 def test_goals_are_normally_distributed_on_the_side_of_psm2(resets):
-    """Section 4.5: around (2.875, -0.225, 3.651), standard deviation 0.025."""
+    """docs/scenes.md#needle-regrasp: around (2.875, -0.225, 3.651), standard deviation 0.025."""
     goals = np.array([one["desired_goal"] for one in resets])
     np.testing.assert_allclose(goals.mean(axis=0), (2.875, -0.225, 3.651), rtol=0, atol=4 * 0.025 / np.sqrt(300))
     np.testing.assert_allclose(goals.std(axis=0), 0.025, rtol=4 / np.sqrt(600))
@@ -128,8 +129,8 @@ def test_every_index_of_the_observation_holds_what_the_docstring_says(env, steps
     np.testing.assert_allclose(state[14:17], centre, atol=1e-6)
     np.testing.assert_allclose(state[17:20], state[14:17] - state[:3], atol=1e-6)
     np.testing.assert_allclose(state[20:23], state[14:17] - state[7:10], atol=1e-6)
-    arc_centre = centre + 0.0635 * axes[0]  # section 3
-    for start, side in ((23, -1), (29, 1)):  # section 4.0, waypoints 4 and 5
+    arc_centre = centre + 0.0635 * axes[0]  # docs/objects.md#needle
+    for start, side in ((23, -1), (29, 1)):  # docs/objects.md#needle, waypoints 4 and 5
         radial = 0.5 * axes[0] - side * np.sqrt(0.75) * axes[1]
         np.testing.assert_allclose(state[start : start + 3], arc_centre - 0.1 * radial, atol=1e-4)
         turned = client.getMatrixFromQuaternion(client.getQuaternionFromEuler(state[start + 3 : start + 6]))
@@ -150,7 +151,7 @@ def test_the_names_of_the_observation_say_the_same(env):
 
 
 def test_a_pitch_of_one_turns_either_tool_about_itself_by_15_degrees(env):
-    """Section 2."""
+    """docs/actions.md#what-an-action-does."""
     env.reset(seed=0)
     for index, arm in enumerate(env.arms):
         before = arm.pose()
@@ -210,7 +211,7 @@ def test_the_expert_succeeds_in_time_and_holds_the_goal(demonstrations):
 
 
 def test_only_one_arm_holds_the_needle_at_a_time(env):
-    """Section 2.1: PSM2 takes it in the step in which PSM1 opens."""
+    """docs/grasping.md#the-rule: PSM2 takes it in the step in which PSM1 opens."""
     play(env, both_hold)
     for _ in range(3):
         env.step(stay(CLOSE, CLOSE))

@@ -6,7 +6,7 @@ import surrol_gym
 from surrol_gym.tasks.peg_transfer import PegTransferEnv
 
 OPEN, CLOSE = 1.0, -1.0
-REST_HEIGHT, GOAL_HEIGHT = 3.523, 3.5405  # sections 4.4 and 9
+REST_HEIGHT, GOAL_HEIGHT = 3.523, 3.5405  # docs/scenes.md#peg-transfer
 TARGETS = np.array([(2.6, 0.215), (2.7, 0.215), (2.8, 0.215), (2.6, 0.065), (2.7, 0.065), (2.8, 0.065)])
 SOURCES = np.array(
     [(2.585, -0.135), (2.815, -0.135), (2.6425, -0.0354), (2.7575, -0.0354), (2.6425, -0.2346), (2.7575, -0.2346)]
@@ -80,7 +80,7 @@ def test_the_blocks_rest_at_their_measured_height(resets):
 
 
 def test_the_red_block_starts_on_any_source_peg_and_three_others_on_further_ones(resets):
-    """Section 4.4: sources shuffled, one of the blocks at random is the task's."""
+    """docs/scenes.md#peg-transfer: sources shuffled, one of the blocks at random is the task's."""
     reds = [nearest(red, SOURCES) for _, (red, _), _ in resets]
     others = [{nearest(other, SOURCES) for other, _ in blues} for _, _, blues in resets]
     assert all(len(pegs) == 3 and red not in pegs for red, pegs in zip(reds, others, strict=True))
@@ -138,7 +138,7 @@ def test_every_index_of_the_observation_holds_what_the_docstring_says(env, steps
 
 
 def test_a_turn_of_one_is_20_degrees(env):
-    """Section 2."""
+    """docs/actions.md#what-an-action-does."""
     env.reset(seed=0)
     for turn in (1.0, -0.5):
         before = env.arms[0].pose()[1][2]
@@ -227,7 +227,7 @@ def test_bringing_the_tool_to_the_goal_without_the_block_is_no_success(env):
 
 
 def test_the_block_is_attached_as_soon_as_closed_jaws_touched_it(env):
-    """Section 2.1: active in the step after both jaws touched, attached at its end, before any lift."""
+    """docs/grasping.md#the-rule: active in the step after both jaws touched, attached at its end, before any lift."""
     expert = surrol_gym.make_expert(env)
     observation, _ = env.reset(seed=0)
     touched = []
@@ -249,7 +249,8 @@ def test_a_block_that_open_jaws_touch_is_not_attached(env):
 
 
 def test_the_jaws_close_on_the_block_at_the_measured_angle(env):
-    """Section 9: about 0.147 rad; lifted, it tilts by a few degrees, and then a wall looks thicker to the jaws."""
+    """docs/reference_values.md: about 0.147 rad; lifted, it tilts by a few degrees, and then a wall looks thicker to
+    the jaws."""
     for seed in range(6):
         closed = run(env, 50, lambda observation: 0.05 < observation["observation"][6] < 0.5, seed)[-1][0]
         assert closed["observation"][6] == pytest.approx(0.147, abs=0.02)
@@ -319,7 +320,7 @@ def test_a_held_block_is_part_of_the_state(env, height):
 
 
 def test_the_expert_transfers_the_block_and_leaves_it_there(demonstrations):
-    """Section 9: first success after 28 to 45 steps; ours is a little faster."""
+    """docs/reference_values.md: first success after 28 to 45 steps; ours is a little faster."""
     for episode in demonstrations("PegTransfer"):
         assert 25 <= episode.first <= 42
         assert episode.holds

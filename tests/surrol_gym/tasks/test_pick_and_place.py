@@ -50,7 +50,7 @@ def lift(env, height, seed=0):
 
 
 def test_the_jacks_stand_at_their_measured_heights(resets):
-    """Sections 4.9 and 9: origins 3.380 to 3.390, tops 3.430 to 3.438; a few still tip or rock."""
+    """docs/scenes.md#pick-and-place: origins 3.380 to 3.390, tops 3.430 to 3.438; a few still tip or rock."""
     resets = np.array(resets)
     origins, tops = resets[:, [9, 12]], resets[:, [21, 24]]
     assert np.median(origins) == pytest.approx(3.380, abs=1e-3)
@@ -66,7 +66,7 @@ def test_jacks_right_themselves(resets):
 
 
 def test_the_jacks_are_scattered_and_apart(resets):
-    """Section 4.9: within 0.05 of (2.75, 0) where they drop; they fall aside by up to 0.04."""
+    """docs/scenes.md#pick-and-place: within 0.05 of (2.75, 0) where they drop; they fall aside by up to 0.04."""
     resets = np.array(resets)
     offsets = resets[:, [7, 8, 10, 11]].reshape(-1, 2, 2) - (2.75, 0)
     assert np.abs(offsets).max() < 0.1
@@ -174,7 +174,7 @@ def test_success_is_within_0_053_of_both_goals(env):
 
 
 def test_each_jack_is_attached_by_a_grasp_of_its_own_after_a_lift_of_0_025(demonstrations):
-    """Section 2.1; until then friction alone holds it."""
+    """docs/grasping.md#the-rule; until then friction alone holds it."""
     for episode in demonstrations("PickAndPlace")[:3]:
         tops = np.array([observation["observation"][[21, 24]] for observation in episode.observations])
         attached, heights = np.array(episode.attached), tops[1:] - tops[0]
@@ -229,7 +229,7 @@ def test_a_held_jack_is_part_of_the_state(env, height, attached):
 
 
 def test_the_expert_puts_both_jacks_into_their_pots(demonstrations):
-    """Section 5.9: the original first succeeds at steps 84 to 92."""
+    """docs/reference_values.md#the-scripts-of-the-original: the original first succeeds at steps 84 to 92."""
     for episode in demonstrations("PickAndPlace"):
         assert episode.successes[-1]
         assert 72 <= episode.first <= 95
