@@ -6,8 +6,8 @@ import shlex
 import shutil
 import subprocess
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from lerobot.configs.policies import PreTrainedConfig
 from lerobot.utils.import_utils import register_third_party_plugins
@@ -18,15 +18,8 @@ STAGES = ("pretrain", "generalist", "finetune", "scratch")
 """The second and the third begin with a checkpoint, the others with random weights; the first two are GCDT's."""
 
 
-@dataclass(frozen=True)
-class Recipe:
-    """What a stage is trained with where nothing else is asked for.
-
-    Attributes:
-        steps: Optimiser steps; None where they have to be said.
-        batch_size: Frames a step.
-        options: Further arguments of `lerobot-train`.
-    """
+class Recipe(NamedTuple):
+    """What a stage is trained with where nothing else is asked for; None for steps that have to be said."""
 
     steps: int | None
     batch_size: int
@@ -109,7 +102,7 @@ def train(
         "--num_workers=0",
         *options,
     ]
-    arguments = arguments_to_reach(steps, output, beginning, policy, dataset)
+    arguments = _arguments_to_reach(steps, output, beginning, policy, dataset)
     if arguments is None:
         print(f"{output} is complete already.")
     else:
@@ -118,31 +111,15 @@ def train(
     return checkpoint(output)
 
 
-def arguments_to_reach(
-    steps: int, output: Path, beginning: Sequence[str], policy: str, dataset: Path
-) -> list[str] | None:
-    """Returns arguments of `lerobot-train` that bring a training to its last step.
-
-    Args:
-        steps: Optimiser steps of the whole training.
-        output: Its output folder. What a run left there that ended before its first checkpoint is removed.
-        beginning: Arguments that begin it, without the steps and the folders.
-        policy: Type of its policy.
-        dataset: Folder of its dataset.
-
-    Returns:
-        The arguments, or None where nothing is left to do.
-
-    Raises:
-        ValueError: The folder holds something else.
-    """
+def _arguments_to_reach(steps: int, output: Path, beginning: list[str], policy: str, dataset: Path) -> list[str] | None:
+    """Arguments that begin a training or go on with it; None where nothing is left to do."""
     last = output / "checkpoints/last"
     common = [f"--dataset.root={dataset}", f"--steps={steps}", f"--output_dir={output}"]
     if not last.exists():
         if output.exists():
             if not all(map(_is_leftover, output.iterdir())):
                 raise ValueError(f"{output} exists and holds no checkpoint of lerobot-train; choose another --output.")
-            shutil.rmtree(output)
+            shutil.rmtree(output)  # an earlier run ended before its first checkpoint
         return [*beginning, *common]
     config = last / "pretrained_model/train_config.json"
     settings = json.loads(config.read_text())

@@ -161,11 +161,10 @@ def test_evaluate_shows_and_films_the_starts_that_were_asked_for(tmp_path, tiny_
             ["train", "--dataset", "{}", "--output", "x", "--start", "{}/none"],
             "gcdt train --dataset DATASET --output {}",
         ),
-        (["evaluate", "{}/none"], "gcdt train --dataset DATASET --output {}/none"),
         (["evaluate", "{}"], "gcdt train --dataset DATASET --output {}"),
         (["evaluate", "{}", "--tasks", "NeedleSew"], "NeedlePick"),
     ],
-    ids=["no dataset", "empty dataset", "no start", "no training", "empty training", "unknown task"],
+    ids=["no dataset", "empty dataset", "no start", "no checkpoint", "unknown task"],
 )
 def test_what_training_and_evaluation_lack_is_told_with_the_command_that_makes_it(arguments, told, tmp_path):
     with pytest.raises(SystemExit) as end:
