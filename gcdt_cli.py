@@ -5,21 +5,30 @@ PyTorch and LeRobot, which takes many seconds. Whoever asks for help or mistypes
 """
 
 import argparse
+import os
 import sys
 from pathlib import Path
 
 RECORD_EXAMPLE = "example: gcdt record --task NeedlePick --episodes 100 --seed 0 --root datasets/needle_pick"
 RECORD_ALL_EXAMPLE = "all of the published datasets: gcdt record --all --root datasets"
 MERGE_EXAMPLE = "example: gcdt merge datasets/needle_pick datasets/peg_transfer --root datasets/surrol_cross_task"
+TRAIN_EXAMPLE = "example: gcdt train --dataset datasets/surrol_needle_pick --output outputs/needle_pick"
+EVALUATE_EXAMPLE = "example: gcdt evaluate outputs/needle_pick --first_seed 100000 --starts 100"
 PUBLISH_EXAMPLE = "example: gcdt publish datasets/surrol_needle_pick --repo_id user/surrol_needle_pick --dry_run"
 
 
 def main(arguments: list[str] | None = None) -> None:
     """Runs ``gcdt``; a bad argument ends with one line and an exit status other than 0."""
-    parser = argparse.ArgumentParser(prog="gcdt", description="Datasets of the SurRoL tasks.", epilog=RECORD_EXAMPLE)
+    # Threads that wait busily for each other make a training beside other work take up to 40 times as long.
+    os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # read when PyTorch is loaded
+    parser = argparse.ArgumentParser(
+        prog="gcdt", description="Datasets and policies of the SurRoL tasks.", epilog=RECORD_EXAMPLE
+    )
     commands = parser.add_subparsers(dest="command", required=True)
     _add_record(commands)
     _add_merge(commands)
+    _add_train(commands)
+    _add_evaluate(commands)
     _add_publish(commands)
     options = parser.parse_args(arguments)
     try:
@@ -75,6 +84,47 @@ def _add_merge(commands) -> None:
     merge.set_defaults(run=_merge)
 
 
+def _add_train(commands) -> None:
+    train = commands.add_parser(
+        "train",
+        help="train a policy with lerobot-train, or go on where that was interrupted",
+        epilog=TRAIN_EXAMPLE,
+    )
+    train.add_argument("--dataset", required=True, type=Path, help="folder of a dataset")
+    train.add_argument("--output", required=True, type=Path, help="folder of the checkpoints and the losses")
+    train.add_argument("--policy", metavar="TYPE", help="gcdt (default), bc, or a type of LeRobot's, such as act")
+    train.add_argument(
+        "--stage",
+        choices=("pretrain", "generalist", "finetune", "scratch"),
+        help="pretrain: all objectives, on many tasks; generalist: then the actions alone; finetune: then one task "
+        "(default with --start); scratch: from random weights (default without)",
+    )
+    train.add_argument("--start", type=Path, help="training, or folder of a checkpoint, to begin with")
+    train.add_argument("--steps", type=int, help="optimiser steps (default: what the stage needs, of gcdt and bc)")
+    train.add_argument("--device", help="where to train, such as cpu or cuda (default: LeRobot chooses)")
+    train.add_argument(
+        "--launcher", help="command that runs a module, such as 'accelerate launch --num_processes=4 -m'"
+    )
+    train.add_argument("options", nargs="*", metavar="-- OPTION", help="more arguments of lerobot-train, after --")
+    train.set_defaults(run=_train)
+
+
+def _add_evaluate(commands) -> None:
+    evaluate = commands.add_parser(
+        "evaluate",
+        help="evaluate trained policies from fresh starts; the episodes are kept beside their checkpoints",
+        epilog=EVALUATE_EXAMPLE,
+    )
+    evaluate.add_argument("trainings", nargs="+", metavar="TRAINING", help="training, or pretrained_model folder in it")
+    evaluate.add_argument(
+        "--tasks", type=_names, help="tasks, separated by commas (default: all that the policy knows)"
+    )
+    evaluate.add_argument("--first_seed", type=int, default=100_000, help="seed of the first start (default 100000)")
+    evaluate.add_argument("--starts", type=int, default=100, help="episodes of each task (default 100)")
+    evaluate.add_argument("--film", action="store_true", help="also film the first three, beside the checkpoint")
+    evaluate.set_defaults(run=_evaluate)
+
+
 def _add_publish(commands) -> None:
     publish = commands.add_parser(
         "publish", help="publish a dataset or a trained policy, with its card, on the Hub", epilog=PUBLISH_EXAMPLE
@@ -93,11 +143,23 @@ def _names(text: str) -> list[str]:
     return [name.strip() for name in text.split(",")]
 
 
-def _record(options: argparse.Namespace) -> None:
+def _check_tasks(names: list[str]) -> None:
+    """Raises ValueError for an unknown task, before anything slow is imported."""
     import surrol_gym
 
-    if options.task and options.task not in surrol_gym.TASKS:
-        raise ValueError(f"Unknown task {options.task!r}; choose one of {', '.join(surrol_gym.TASKS)}.")
+    for name in names:
+        if name not in surrol_gym.TASKS:
+            raise ValueError(f"Unknown task {name!r}; choose from {', '.join(surrol_gym.TASKS)}.")
+
+
+def _check_folder(folder: Path, remedy: str) -> None:
+    """Raises FileNotFoundError for a missing folder, before anything slow is imported."""
+    if not folder.exists():
+        raise FileNotFoundError(f"There is no folder {folder}; {remedy}.")
+
+
+def _record(options: argparse.Namespace) -> None:
+    _check_tasks([options.task] if options.task else [])
 
     from lerobot_gcdt.recording import record
     from lerobot_gcdt.recording.collection import PUBLISHED_DISTURB, record_all
@@ -140,6 +202,37 @@ def _merge(options: argparse.Namespace) -> None:
     from lerobot_gcdt.recording import merge
 
     merge(options.datasets, options.root)
+
+
+def _train(options: argparse.Namespace) -> None:
+    _check_folder(options.dataset, f"`gcdt record --task TASK --root {options.dataset}` records a dataset")
+    if options.start:
+        _check_folder(options.start, f"`gcdt train --dataset DATASET --output {options.start}` trains a policy")
+
+    from lerobot_gcdt.training import train
+
+    train(**{name: value for name, value in vars(options).items() if name not in ("command", "run")})
+
+
+def _evaluate(options: argparse.Namespace) -> None:
+    _check_tasks(options.tasks or [])
+    for training in options.trainings:
+        _check_folder(Path(training), f"`gcdt train --dataset DATASET --output {training}` trains a policy")
+
+    from lerobot_gcdt.evaluation import describe, evaluate_checkpoint, load_policy
+    from lerobot_gcdt.evaluation.pictures import film
+    from lerobot_gcdt.evaluation.tasks import tasks_of
+    from lerobot_gcdt.training import existing_checkpoint
+
+    seeds = range(options.first_seed, options.first_seed + options.starts)
+    checkpoints = {training: existing_checkpoint(training) for training in options.trainings}
+    tasks = {training: tasks_of(checkpoint, options.tasks) for training, checkpoint in checkpoints.items()}
+    for training, checkpoint in checkpoints.items():
+        print(f"{training}\n{describe(evaluate_checkpoint(checkpoint, tasks[training], seeds))}", flush=True)
+        for task in tasks[training] if options.film else []:
+            path = checkpoint.resolve().parent / f"{task}.mp4"
+            film(load_policy(checkpoint), task, seeds[:3], path)
+            print(f"The film is {path}.")
 
 
 def _publish(options: argparse.Namespace) -> None:

@@ -11,10 +11,10 @@ from pathlib import Path
 import pandas as pd
 
 import surrol_gym
+from lerobot_gcdt.hub.documents import write_section
 
 ROOT = Path(__file__).parent.parent
 EPISODES = ROOT / "examples/paper_table/episodes.parquet"
-BEGIN, END = "<!-- results: written by examples/results_table.py -->\n", "<!-- end of results -->\n"
 PAPER = (1.00, 0.95, 1.00, 0.84, 0.74, 0.42, 1.00, 0.48, 0.30, 0.37)  # Fu et al. 2024, table II
 
 
@@ -41,9 +41,7 @@ def _short(rate):
 
 def main():
     argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
-    readme = ROOT / "README.md"
-    before, rest = readme.read_text().split(BEGIN)
-    readme.write_text(before + BEGIN + table() + END + rest.split(END)[1])
+    write_section(ROOT / "README.md", "results", table())
 
 
 if __name__ == "__main__":

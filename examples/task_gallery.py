@@ -12,10 +12,10 @@ import gymnasium as gym
 
 import surrol_gym
 from lerobot_gcdt.evaluation.pictures import halfway
+from lerobot_gcdt.hub.documents import write_section
 
 ROOT = Path(__file__).parent.parent
 PICTURES = Path("examples/tasks")
-BEGIN, END = "<!-- tasks: written by examples/task_gallery.py -->\n", "<!-- end of tasks -->\n"
 WIDTH, HEIGHT = 320, 240
 
 
@@ -40,9 +40,7 @@ def main():
     for task in surrol_gym.TASKS:
         halfway(task, WIDTH, HEIGHT).save(ROOT / PICTURES / f"{task}.png", optimize=True)
         print(f"{PICTURES}/{task}.png")
-    readme = ROOT / "README.md"
-    before, rest = readme.read_text().split(BEGIN)
-    readme.write_text(before + BEGIN + table() + END + rest.split(END)[1])
+    write_section(ROOT / "README.md", "tasks", table())
 
 
 if __name__ == "__main__":

@@ -12,19 +12,26 @@ from lerobot.policies.pretrained import PreTrainedPolicy
 from lerobot.utils.constants import OBS_IMAGES
 from tqdm import tqdm
 
-import surrol_gym
 from lerobot_gcdt.environment.surrol_env import CameraPictures, SurRoLObservations
+from lerobot_gcdt.evaluation.tasks import check_starts
 
 
-def evaluate(policy, tasks: Iterable[str], seeds: Iterable[int], batch_size: int = 25) -> pd.DataFrame:
+def evaluate(
+    policy,
+    tasks: Iterable[str],
+    seeds: Iterable[int],
+    batch_size: int = 25,
+    on_batch: Callable[[pd.DataFrame], None] | None = None,
+) -> pd.DataFrame:
     """Runs a policy from seeded starts, every episode to its time limit.
 
     Args:
         policy: As ``lerobot_gcdt.evaluation.load_policy`` returns it, or anything else with LeRobot's ``reset()`` and
             ``select_action(batch)`` that takes observations and returns actions as they are, without normalisation.
-        tasks: Names of tasks, of ``surrol_gym.TASKS``.
+        tasks: Names of tasks.
         seeds: Seed of the reset of each episode; the same for every task.
         batch_size: Episodes that run side by side. It has no influence on their outcome beyond rounding.
+        on_batch: Called with the rows of every batch that is finished.
 
     Returns:
         A row an episode: ``task``, ``seed``, ``reached`` (success at any step), ``held`` (success at the last step),
@@ -32,38 +39,40 @@ def evaluate(policy, tasks: Iterable[str], seeds: Iterable[int], batch_size: int
         su).
 
     Raises:
-        ValueError: A task is unknown, there are no seeds, the batch size is not positive, or the policy needs its
-            processors.
+        ValueError: A task is unknown, a seed is negative, there are none, the batch size is not positive, or the policy
+            needs its processors.
     """
     tasks, seeds = list(tasks), list(seeds)
-    unknown = set(tasks) - set(surrol_gym.TASKS)
-    if unknown or not seeds:
-        raise ValueError(
-            f"Cannot evaluate {sorted(unknown) or 'without seeds'}; tasks are {', '.join(surrol_gym.TASKS)}."
-        )
+    check_starts(tasks, seeds)
     if batch_size < 1:
         raise ValueError(f"batch_size must be positive, got {batch_size}.")
-    rows = []
-    with tqdm(total=len(tasks) * len(seeds), desc="Evaluating", unit="episode") as bar:
+    finished = []
+    with tqdm(total=len(tasks) * len(seeds), unit="episode") as bar:
         for task in tasks:
+            bar.set_description(f"Evaluating {task}")
             for start in range(0, len(seeds), batch_size):
                 batch = seeds[start : start + batch_size]
-                success, last = rollout(policy, task, batch)
-                for i, seed in enumerate(batch):
-                    reached = success[:, i].any()
-                    rows.append(
-                        {
-                            "task": task,
-                            "seed": seed,
-                            "reached": bool(reached),
-                            "held": bool(success[-1, i]),
-                            "steps": np.argmax(success[:, i]) + 1.0 if reached else np.nan,
-                            "achieved_goal": last["achieved_goal"][i].tolist(),
-                            "desired_goal": last["desired_goal"][i].tolist(),
-                        }
-                    )
+                finished.append(_rows(task, batch, *rollout(policy, task, batch)))
+                if on_batch:
+                    on_batch(finished[-1])
                 bar.update(len(batch))
-    return pd.DataFrame(rows)
+    return pd.concat(finished, ignore_index=True)
+
+
+def _rows(task: str, seeds: list[int], success: np.ndarray, last: dict[str, np.ndarray]) -> pd.DataFrame:
+    """The rows of one batch."""
+    reached = success.any(0)
+    return pd.DataFrame(
+        {
+            "task": task,
+            "seed": seeds,
+            "reached": reached,
+            "held": success[-1],
+            "steps": np.where(reached, np.argmax(success, 0) + 1.0, np.nan),
+            "achieved_goal": last["achieved_goal"].tolist(),
+            "desired_goal": last["desired_goal"].tolist(),
+        }
+    )
 
 
 def rollout(

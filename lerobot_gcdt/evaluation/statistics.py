@@ -1,5 +1,6 @@
 """Success rates of evaluated episodes, with intervals."""
 
+from collections.abc import Iterator
 from math import sqrt
 
 import pandas as pd
@@ -24,14 +25,31 @@ def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
     return max(0.0, (centre - spread) / (1 + z2 / trials)), min(1.0, (centre + spread) / (1 + z2 / trials))
 
 
-def describe(episodes: pd.DataFrame) -> str:
-    """Describes the episodes of ``evaluate``: success rates with intervals, a line a task and figure."""
-    lines = []
+def by_starts(episodes: pd.DataFrame) -> Iterator[tuple[str, str, pd.DataFrame]]:
+    """Splits the episodes of ``evaluate`` by task and by runs of consecutive seeds.
+
+    So starts that a policy was chosen on and starts that it is reported on are not thrown together.
+
+    Args:
+        episodes: Rows of ``evaluate``.
+
+    Yields:
+        Name of the task, the seeds, such as ``100000-100099``, and their rows.
+    """
     for task, rows in episodes.groupby("task", sort=False):
+        rows = rows.sort_values("seed")
+        for _, run in rows.groupby((rows.seed.diff() > 1).cumsum()):
+            yield task, f"{run.seed.min()}-{run.seed.max()}", run
+
+
+def describe(episodes: pd.DataFrame) -> str:
+    """Describes the episodes of ``evaluate``: success rates with intervals, a line a task, run of seeds and figure."""
+    lines = []
+    for task, seeds, rows in by_starts(episodes):
         for figure in ("reached", "held"):
             low, high = wilson_interval(int(rows[figure].sum()), len(rows))
             lines.append(
                 f"{task} {figure:7} {rows[figure].mean():.2f}  (95 % interval {low:.3f}-{high:.3f}, "
-                f"{len(rows)} starts, seeds {rows.seed.min()}-{rows.seed.max()})"
+                f"{len(rows)} starts, seeds {seeds})"
             )
     return "\n".join(lines)

@@ -16,9 +16,9 @@ from huggingface_hub import EvalResult, ModelCardData
 from lerobot.configs.default import DatasetConfig
 from lerobot.configs.policies import PreTrainedConfig
 
-import surrol_gym
-from lerobot_gcdt.environment.surrol_env import env_class
-from lerobot_gcdt.evaluation.statistics import wilson_interval
+from lerobot_gcdt.evaluation.checkpoints import episodes_file
+from lerobot_gcdt.evaluation.statistics import by_starts, wilson_interval
+from lerobot_gcdt.evaluation.tasks import sentences
 from lerobot_gcdt.hub.cards import CITATION, recording_commands
 from lerobot_gcdt.recording.demonstrations import RECORDING_FILE
 
@@ -27,9 +27,6 @@ POLICIES = {
     "bc": ("BCPolicy", "A perceptron trained by behavioural cloning, the baseline beside GCDT"),
 }
 """Class and description of each type of policy that has a card."""
-
-EPISODES_FILE = "episodes.parquet"
-"""Beside a checkpoint's folder: the episodes of its evaluation, as `examples/evaluate_all.py` leaves them."""
 
 NOT_CHOSEN = (
     "type", "input_features", "output_features", "device", "push_to_hub", "repo_id", "private", "tags", "license",
@@ -92,8 +89,8 @@ def model_card(checkpoint: Path, repo_id: str | None = None) -> str:
     """Writes the card of a checkpoint.
 
     Args:
-        checkpoint: Folder ``pretrained_model`` of a checkpoint of `lerobot-train`. Where an evaluation left its
-            episodes beside it, the card shows them.
+        checkpoint: Folder ``pretrained_model`` of a checkpoint of `lerobot-train`. Where evaluations left episodes
+            beside it, the card shows their success rates.
         repo_id: Repository that it is published as; None for the name of the folder.
 
     Returns:
@@ -102,8 +99,8 @@ def model_card(checkpoint: Path, repo_id: str | None = None) -> str:
     config = json.loads((checkpoint / "train_config.json").read_text())
     policy = json.loads((checkpoint / "config.json").read_text())
     repo_id = repo_id or checkpoint.name
-    known = {task: sentence for task, sentence in _sentences().items() if sentence in policy["task_dims"]}
-    episodes = checkpoint.resolve().parent / EPISODES_FILE
+    known = {task: sentence for task, sentence in sentences().items() if sentence in policy["task_dims"]}
+    episodes = episodes_file(checkpoint)
     table = pd.read_parquet(episodes) if episodes.exists() else None
     revision = config["dataset"]["revision"]
     policy_class, description = POLICIES[policy["type"]]
@@ -123,13 +120,12 @@ def model_card(checkpoint: Path, repo_id: str | None = None) -> str:
     )
 
 
-def _sentences() -> dict[str, str]:
-    """The sentence of each task."""
-    return {task: env_class(f"surrol/{task}-v0").task_description for task in surrol_gym.TASKS}
-
-
 def _metadata(repo_id: str, policy: dict, dataset: str, table: pd.DataFrame | None) -> ModelCardData:
-    """The front matter; a dataset that was never published has no name on the Hub."""
+    """The front matter; a dataset that was never published has no name on the Hub.
+
+    Of each task it tells the success on the last run of seeds: policies are chosen on lower ones.
+    """
+    last = {} if table is None else {task: rows for task, _, rows in by_starts(table)}
     results = [
         EvalResult(
             task_type="robotics",
@@ -139,7 +135,7 @@ def _metadata(repo_id: str, policy: dict, dataset: str, table: pd.DataFrame | No
             metric_name=f"success rate, {figure}",
             metric_value=round(float(rows[figure].mean()), 4),
         )
-        for task, rows in ([] if table is None else table.groupby("task", sort=False))
+        for task, rows in last.items()
         for figure in ("reached", "held")
     ]
     return ModelCardData(
@@ -162,9 +158,9 @@ def _success(table: pd.DataFrame | None) -> str:
         "| task | reached | held | starts | seeds |",
         "| --- | --- | --- | --- | --- |",
     ]
-    for task, rows in table.groupby("task", sort=False):
+    for task, seeds, rows in by_starts(table):
         figures = [_figure(int(rows[figure].sum()), len(rows)) for figure in ("reached", "held")]
-        lines.append(f"| {task} | {' | '.join(figures)} | {len(rows)} | {rows.seed.min()}-{rows.seed.max()} |")
+        lines.append(f"| {task} | {' | '.join(figures)} | {len(rows)} | {seeds} |")
     return "\n".join(lines)
 
 

@@ -98,7 +98,7 @@ def pack(folder: Path, repo_id: str) -> Parcel:
     Raises:
         ValueError: The folder is not whole, is neither a dataset nor a checkpoint, or its card lacks something.
     """
-    model = checkpoint(folder) if checkpoint(folder).exists() else folder
+    model = checkpoint(folder)
     if (folder / "meta").is_dir():
         kind, model = "dataset", folder
         check_dataset(folder)

@@ -1,8 +1,9 @@
-"""One way to train: the arguments of `lerobot-train`, and where its checkpoints lie.
+"""One way to train: stages and policies as arguments of `lerobot-train`, which runs here or under a launcher.
 
 Imports nothing of this package.
 """
 
-from lerobot_gcdt.training.arguments import arguments_to_reach, checkpoint
+from lerobot_gcdt.training.outputs import checkpoint, existing_checkpoint, loss_curve
+from lerobot_gcdt.training.stages import train
 
-__all__ = ["arguments_to_reach", "checkpoint"]
+__all__ = ["checkpoint", "existing_checkpoint", "loss_curve", "train"]

@@ -26,7 +26,7 @@ CODE = [
 QUICKSTART = "python3 -m pip install uv && python3 -m uv run examples/quickstart.py"
 TESTS = "python3 -m pip install uv && python3 -m uv run --extra test pytest"
 
-PLANNED = ("import", "train", "evaluate")
+PLANNED = ("import",)
 """Commands of ``gcdt`` that are described and not there yet."""
 
 LEROBOTS = ("type", "path", "device", "push_to_hub", "repo_id")

@@ -1,27 +1,17 @@
 """The README's main job, small: all its outputs appear, and a second call repeats nothing."""
 
-import os
-import runpy
-import subprocess
-import sys
-from pathlib import Path
-
 import pandas as pd
 import pytest
 
-SCRIPT = Path(__file__).parents[2] / "examples" / "quickstart.py"
-KEPT = ("dataset/meta/info.json", "training/checkpoints/last/pretrained_model/model.safetensors", "episodes.parquet")
-
-
+EPISODES = "training/checkpoints/last/episodes.parquet"
+KEPT = ("dataset/meta/info.json", "training/checkpoints/last/pretrained_model/model.safetensors", EPISODES, "film.mp4")
 SIZES = ["--episodes=2", "--steps=2", "--starts=1"]
 
 
 @pytest.fixture(scope="module")
-def first_run(tmp_path_factory):
+def first_run(tmp_path_factory, run_example):
     output = tmp_path_factory.mktemp("quickstart")
-    environment = os.environ | {"HF_HUB_OFFLINE": "1"}
-    command = [sys.executable, str(SCRIPT), f"--output={output}", *SIZES]
-    return output, subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout
+    return output, run_example("quickstart", f"--output={output}", *SIZES)
 
 
 def test_it_shows_the_result_and_says_where_the_pictures_are(first_run):
@@ -32,17 +22,15 @@ def test_it_shows_the_result_and_says_where_the_pictures_are(first_run):
 
 
 def test_the_evaluation_has_a_row_a_start_on_unseen_seeds(first_run):
-    episodes = pd.read_parquet(first_run[0] / "episodes.parquet")
+    episodes = pd.read_parquet(first_run[0] / EPISODES)
     assert episodes.seed.tolist() == [100_000]
     assert {"task", "seed", "reached", "held", "steps"} <= set(episodes.columns)
 
 
-def test_a_second_call_repeats_no_stage(first_run, monkeypatch, capsys):
+def test_a_second_call_repeats_no_stage(first_run, run_example):
     output, printed = first_run
-    before = {name: (output / name).stat().st_mtime_ns for name in (*KEPT, "film.mp4")}
-    monkeypatch.setattr(sys, "argv", [str(SCRIPT), f"--output={output}", *SIZES])
-    runpy.run_path(str(SCRIPT), run_name="__main__")
-    again = capsys.readouterr().out
+    before = {name: (output / name).stat().st_mtime_ns for name in KEPT}
+    again = run_example("quickstart", f"--output={output}", *SIZES)
     assert {name: (output / name).stat().st_mtime_ns for name in before} == before
     result = [line for line in printed.splitlines() if line.startswith("NeedlePick")]
     assert [line for line in again.splitlines() if line.startswith("NeedlePick")] == result

@@ -1,16 +1,19 @@
 """The console command ``gcdt``: helpful when asked, brief when wrong."""
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
 import gcdt_cli as cli
 from lerobot_gcdt.recording.features import FIELDS, Extras
+from lerobot_gcdt.training.stages import STAGES
 
 GCDT = Path(sys.executable).parent / "gcdt"
 
@@ -28,12 +31,13 @@ def test_help_shows_an_example(arguments, capsys):
     assert "gcdt record --task NeedlePick --episodes 100 --seed 0 --root" in printed
 
 
-def test_the_example_in_the_help_is_a_valid_command(capsys, monkeypatch):
+@pytest.mark.parametrize("command", ["record", "merge", "train", "evaluate", "publish"])
+def test_the_example_in_the_help_is_a_valid_command(command, capsys, monkeypatch):
     calls = []
-    monkeypatch.setattr("lerobot_gcdt.recording.record", lambda *arguments, **options: calls.append(arguments))
-    example = " ".join(help_of(["record"], capsys).split()).split("example: gcdt ")[1]
+    monkeypatch.setattr(cli, f"_{command}", calls.append)
+    example = " ".join(help_of([command], capsys).split()).split("example: gcdt ")[1]
     cli.main(example.split(";")[0].split())
-    assert calls
+    assert calls[0].command == command
 
 
 def test_all_published_datasets_are_recorded_with_their_settings(capsys, monkeypatch):
@@ -85,8 +89,10 @@ def test_an_unknown_task_ends_with_one_line_and_no_traceback(tmp_path):
         *(["--help"], ["record", "--help"]),
         ["record", "--task", "NeedleReach", "--root", "x", "--episodes", "many"],
         ["record", "--task", "NeedleThread", "--root", "x"],
+        ["train", "--dataset", "missing", "--output", "x"],
+        ["evaluate", "missing"],
     ],
-    ids=["help", "help of a command", "no number", "unknown task"],
+    ids=["help", "help of a command", "no number", "unknown task", "no dataset", "no training"],
 )
 def test_help_and_mistakes_are_answered_without_slow_imports(arguments):
     program = f"""
@@ -104,6 +110,67 @@ except SystemExit:
 
 def test_the_help_names_all_fields(capsys):
     assert f"there is: {', '.join(FIELDS)} " in " ".join(help_of(["record"], capsys).split())
+
+
+def test_the_help_names_all_stages(capsys):
+    assert f"--stage {{{','.join(STAGES)}}}" in " ".join(help_of(["train"], capsys).split())
+
+
+def test_threads_wait_passively_unless_the_user_wants_otherwise(capsys, monkeypatch):
+    monkeypatch.delenv("OMP_WAIT_POLICY", raising=False)
+    help_of([], capsys)
+    assert os.environ["OMP_WAIT_POLICY"] == "passive"
+    monkeypatch.setenv("OMP_WAIT_POLICY", "active")
+    help_of([], capsys)
+    assert os.environ["OMP_WAIT_POLICY"] == "active"
+
+
+def test_train_passes_on_what_was_asked_for(tmp_path, monkeypatch):
+    calls = []
+    monkeypatch.setattr("lerobot_gcdt.training.train", lambda **arguments: calls.append(arguments))
+    asked = {"dataset": tmp_path, "output": tmp_path / "x", "policy": "act", "stage": "finetune", "start": tmp_path}
+    asked |= {"steps": 7, "device": "cpu", "launcher": "torchrun -m"}
+    command = [part for name, value in asked.items() for part in (f"--{name}", str(value))]
+    cli.main(["train", *command, "--", "--policy.chunk_size=5", "--seed=3"])
+    assert calls == [asked | {"options": ["--policy.chunk_size=5", "--seed=3"]}]
+
+
+def test_evaluate_shows_and_films_the_starts_that_were_asked_for(tmp_path, tiny_config, monkeypatch, capsys):
+    tiny_config.save_pretrained(folder := tmp_path / "000001/pretrained_model")
+    monkeypatch.setattr(
+        "lerobot_gcdt.evaluation.evaluate_checkpoint",
+        lambda checkpoint, tasks, seeds: pd.DataFrame(
+            {"task": tasks[0], "seed": seeds, "reached": True, "held": False}
+        ),
+    )
+    films = []
+    monkeypatch.setattr("lerobot_gcdt.evaluation.load_policy", lambda path: path)
+    monkeypatch.setattr("lerobot_gcdt.evaluation.pictures.film", lambda *arguments: films.append(arguments))
+    cli.main(["evaluate", str(folder), "--tasks", "NeedlePick", "--first_seed", "7", "--starts", "4", "--film"])
+    assert "NeedlePick held    0.00" in (printed := capsys.readouterr().out)
+    assert "4 starts, seeds 7-10" in printed
+    assert films == [(folder, "NeedlePick", range(7, 10), folder.parent / "NeedlePick.mp4")]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["train", "--dataset", "{}/none", "--output", "x"], "gcdt record --task TASK --root {}/none"),
+        (["train", "--dataset", "{}", "--output", "x"], "gcdt record --task TASK --root {}"),
+        (
+            ["train", "--dataset", "{}", "--output", "x", "--start", "{}/none"],
+            "gcdt train --dataset DATASET --output {}",
+        ),
+        (["evaluate", "{}"], "gcdt train --dataset DATASET --output {}"),
+        (["evaluate", "{}", "--tasks", "NeedleSew"], "NeedlePick"),
+    ],
+    ids=["no dataset", "empty dataset", "no start", "no checkpoint", "unknown task"],
+)
+def test_what_training_and_evaluation_lack_is_told_with_the_command_that_makes_it(arguments, told, tmp_path):
+    with pytest.raises(SystemExit) as end:
+        cli.main([argument.format(tmp_path) for argument in arguments])
+    assert told.format(tmp_path) in end.value.code and "\n" not in end.value.code
+    assert not list(tmp_path.iterdir())
 
 
 def test_an_expert_that_fails_ends_with_one_line(tmp_path, monkeypatch):

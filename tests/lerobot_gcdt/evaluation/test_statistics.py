@@ -26,6 +26,12 @@ def test_the_description_tells_rates_intervals_starts_and_seeds():
     assert "reached" in reached and "held" in held
 
 
+def test_runs_of_seeds_are_told_apart():
+    seeds = [101, 100, 7, 8, 9]
+    described = describe(pd.DataFrame({"task": "NeedlePick", "seed": seeds, "reached": True, "held": True}))
+    assert [line.partition(" starts, ")[2] for line in described.splitlines()[::2]] == ["seeds 7-9)", "seeds 100-101)"]
+
+
 def test_the_description_has_lines_for_every_task():
     rows = {"task": ["NeedleReach", "NeedlePick"], "seed": [0, 0], "reached": [True, True], "held": [True, False]}
     described = describe(pd.DataFrame(rows)).splitlines()

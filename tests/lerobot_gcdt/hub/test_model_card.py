@@ -89,6 +89,16 @@ def test_success_is_in_the_front_matter_too_by_task(evaluated):
     }
 
 
+def test_starts_that_it_was_chosen_on_are_told_apart_from_those_that_count(evaluated):
+    file = evaluated.parent / "episodes.parquet"
+    reach = pd.read_parquet(file)
+    pd.concat([reach, reach.iloc[:10].assign(seed=range(20, 30))]).to_parquet(file)
+    card = model_card(evaluated, "me/reach")
+    rows = re.findall(r"\| NeedleReach \|.*", card)
+    assert [row.split("|")[-3:-1] for row in rows] == [[" 10 ", " 20-29 "], [" 20 ", " 100-119 "]]
+    assert {result.metric_value for result in ModelCard(card).data.eval_results} == {0.9, 0.85}
+
+
 def test_a_checkpoint_without_an_evaluation_says_so(checkpoint):
     assert "has not been evaluated" in model_card(checkpoint)
     assert ModelCard(model_card(checkpoint)).data.eval_results is None

@@ -1,0 +1,70 @@
+"""Evaluating checkpoints: every episode is kept beside the checkpoint, and none is run twice."""
+
+import os
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+
+import pandas as pd
+from filelock import FileLock
+
+from lerobot_gcdt.evaluation.loading import load_policy
+from lerobot_gcdt.evaluation.rollout import evaluate
+from lerobot_gcdt.evaluation.tasks import check_starts, tasks_of
+
+
+def episodes_file(checkpoint: str | Path) -> Path:
+    """Returns the file that keeps a checkpoint's episodes, beside its folder ``pretrained_model``."""
+    return Path(checkpoint).resolve().parent / "episodes.parquet"
+
+
+def evaluate_checkpoint(
+    checkpoint: str | Path,
+    tasks: Sequence[str] | None = None,
+    seeds: Sequence[int] = range(100_000, 100_100),
+    batch_size: int = 25,
+) -> pd.DataFrame:
+    """Evaluates a checkpoint, on those of the starts that none of its kept episodes has.
+
+    Every batch is kept as soon as it is finished, so an evaluation that was interrupted goes on. What was kept is never
+    removed.
+
+    Args:
+        checkpoint: Folder ``pretrained_model`` of a checkpoint of `lerobot-train`.
+        tasks: Names of tasks, of which those count that the policy knows; None for all that it knows.
+        seeds: Seeds of the starts. Demonstrations count up from 0; those from 100000 on are for reporting.
+        batch_size: Episodes that run side by side.
+
+    Returns:
+        The episodes of these tasks and seeds, rows of ``lerobot_gcdt.evaluation.evaluate``.
+
+    Raises:
+        ValueError: The folder is none of `lerobot-train`, a task or a number is bad, or the policy does not know the
+            tasks.
+    """
+    if Path(checkpoint).resolve().name != "pretrained_model":
+        raise ValueError(f"{checkpoint} is no folder pretrained_model, beside which episodes could be kept.")
+    file = episodes_file(checkpoint)
+    tasks, policy = tasks_of(checkpoint, tasks), None
+    check_starts(tasks, seeds)
+    for task in tasks:
+        kept = set(_read(file).query("task == @task").seed)
+        if missing := [seed for seed in seeds if seed not in kept]:
+            policy = policy or load_policy(checkpoint)
+            evaluate(policy, [task], missing, batch_size, on_batch=partial(_keep, file))
+    asked = pd.MultiIndex.from_product([tasks, seeds], names=["task", "seed"])
+    return _read(file).set_index(["task", "seed"]).loc[asked].reset_index()
+
+
+def _read(file: Path) -> pd.DataFrame:
+    return pd.read_parquet(file) if file.exists() else pd.DataFrame(columns=["task", "seed"])
+
+
+def _keep(file: Path, episodes: pd.DataFrame) -> None:
+    """Adds episodes to those that are kept; another process may do so at the same time."""
+    with FileLock(file.with_suffix(".lock")):
+        if file.exists():
+            episodes = pd.concat([pd.read_parquet(file), episodes]).drop_duplicates(["task", "seed"], ignore_index=True)
+        unfinished = file.with_suffix(".unfinished")
+        episodes.to_parquet(unfinished)
+        os.replace(unfinished, file)

@@ -1,0 +1,169 @@
+"""The stages of training, each one run of `lerobot-train` that can be interrupted and repeated."""
+
+import json
+import os
+import shlex
+import shutil
+import subprocess
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from lerobot.configs.policies import PreTrainedConfig
+from lerobot.utils.import_utils import register_third_party_plugins
+
+from lerobot_gcdt.training.outputs import LOSS_FILE, checkpoint, existing_checkpoint
+
+STAGES = ("pretrain", "generalist", "finetune", "scratch")
+"""The second and the third begin with a checkpoint, the others with random weights; the first two are GCDT's."""
+
+
+class Recipe(NamedTuple):
+    """What a stage is trained with where nothing else is asked for; None for steps that have to be said."""
+
+    steps: int | None
+    batch_size: int
+    options: tuple[str, ...] = ()
+
+
+RECIPES = {
+    ("gcdt", "pretrain"): Recipe(20_000, 4, ("--policy.training_stage=pretrain",)),
+    ("gcdt", "generalist"): Recipe(30_000, 8, ("--policy.training_stage=finetune",)),
+    # The full learning rate would undo what is learned.
+    ("gcdt", "finetune"): Recipe(2_000, 4, ("--policy.training_stage=finetune", "--policy.optimizer_lr=5e-4")),
+    ("gcdt", "scratch"): Recipe(5_000, 4),
+    ("bc", "scratch"): Recipe(15_000, 8),
+}
+"""By type of policy and stage. The others are trained with LeRobot's settings, for as many steps as are said."""
+
+
+def train(
+    dataset: str | Path,
+    output: str | Path,
+    policy: str | None = None,
+    stage: str | None = None,
+    start: str | Path | None = None,
+    steps: int | None = None,
+    device: str | None = None,
+    launcher: str | None = None,
+    options: Sequence[str] = (),
+) -> Path:
+    """Trains a policy with `lerobot-train`, or goes on where an earlier call was interrupted.
+
+    Args:
+        dataset: Folder of the dataset.
+        output: Folder of the checkpoints and of the losses (``loss_curve``).
+        policy: Type of the policy: ``"gcdt"``, ``"bc"`` or one of LeRobot's. None for that of ``start``, or ``"gcdt"``.
+        stage: ``"pretrain"``: all objectives, usually on many tasks; ``"generalist"``: actions only, on the same;
+            ``"finetune"``: actions only, on one task; ``"scratch"``: from random weights. None for ``"finetune"`` where
+            there is a start, and else ``"scratch"``.
+        start: Training, or folder of a checkpoint, to begin with.
+        steps: Optimiser steps of the whole training. None for those of ``RECIPES``.
+        device: Where to train, such as ``"cuda"``. None for LeRobot's choice.
+        launcher: Command that runs a module, such as ``"accelerate launch --num_processes=4 -m"``. None to train in
+            this process.
+        options: Further arguments of `lerobot-train`, which win over those of ``RECIPES``. A training that goes on
+            keeps the settings of its beginning, but for the steps.
+
+    Returns:
+        Folder of the last checkpoint.
+
+    Raises:
+        FileNotFoundError: There is no dataset, no checkpoint to start from, or no such launcher.
+        ValueError: The policy or the stage is unknown, they do not go together, the steps have to be said, or the
+            output folder holds something else.
+        RuntimeError: The launcher ended with an error.
+    """
+    dataset, output = Path(dataset), Path(output)
+    if not (dataset / "meta/info.json").exists():
+        raise FileNotFoundError(f"{dataset} holds no dataset; `gcdt record --task TASK --root {dataset}` records one.")
+    if start is not None:
+        start = existing_checkpoint(start)
+        found = json.loads((start / "config.json").read_text())["type"]
+        if policy not in (None, found):
+            raise ValueError(f"{start} is a policy of type {found}, not {policy}.")
+        policy = found
+    policy = policy or "gcdt"
+    recipe = _recipe(policy, stage or ("finetune" if start else "scratch"), start)
+    steps = recipe.steps if steps is None else steps
+    if steps is None:
+        raise ValueError(f"How long a policy of type {policy} has to train is not known here; say it with --steps.")
+    if steps < 1:
+        raise ValueError(f"The number of steps must be positive, got {steps}.")
+    beginning = [
+        f"--policy.path={start}" if start else f"--policy.type={policy}",
+        *recipe.options,
+        "--policy.push_to_hub=false",
+        *([f"--policy.device={device}"] if device else []),
+        f"--dataset.repo_id=local/{dataset.name}",
+        f"--batch_size={recipe.batch_size}",
+        f"--save_freq={max(500, steps // 40)}",
+        f"--log_freq={max(1, steps // 80)}",
+        "--num_workers=0",
+        *options,
+    ]
+    arguments = _arguments_to_reach(steps, output, beginning, policy, dataset)
+    if arguments is None:
+        print(f"{output} is complete already.")
+    else:
+        print("lerobot-train \\\n  " + " \\\n  ".join(map(shlex.quote, arguments)), flush=True)
+        _run(arguments, output / LOSS_FILE, launcher)
+    return checkpoint(output)
+
+
+def _arguments_to_reach(steps: int, output: Path, beginning: list[str], policy: str, dataset: Path) -> list[str] | None:
+    """Arguments that begin a training or go on with it; None where nothing is left to do."""
+    last = output / "checkpoints/last"
+    common = [f"--dataset.root={dataset}", f"--steps={steps}", f"--output_dir={output}"]
+    if not last.exists():
+        if output.exists():
+            if not all(map(_is_leftover, output.iterdir())):
+                raise ValueError(f"{output} exists and holds no checkpoint of lerobot-train; choose another --output.")
+            shutil.rmtree(output)  # an earlier run ended before its first checkpoint
+        return [*beginning, *common]
+    config = last / "pretrained_model/train_config.json"
+    settings = json.loads(config.read_text())
+    held, wanted = (settings["policy"]["type"], settings["dataset"]["repo_id"]), (policy, f"local/{dataset.name}")
+    if held != wanted:
+        raise ValueError(
+            f"{output} holds a training of {' on '.join(held)}, not of {' on '.join(wanted)}; choose another --output."
+        )
+    if int(last.resolve().name) >= steps:
+        return None
+    return [f"--config_path={config}", "--resume=true", *common]
+
+
+def _recipe(policy: str, stage: str, start: Path | None) -> Recipe:
+    """The settings of a stage, if there is such a one."""
+    register_third_party_plugins()
+    known = PreTrainedConfig.get_known_choices()
+    if policy not in known:
+        raise ValueError(f"Unknown policy type {policy!r}; choose one of {', '.join(sorted(known))}.")
+    stages = STAGES if policy == "gcdt" else STAGES[2:]
+    if stage not in stages:
+        raise ValueError(f"A policy of type {policy} has no stage {stage!r}; choose one of {', '.join(stages)}.")
+    goes_on = stage in STAGES[1:3]
+    if goes_on != (start is not None):
+        begins = "a checkpoint; add --start" if goes_on else "random weights; leave out --start"
+        raise ValueError(f"The stage {stage} begins with {begins}.")
+    return RECIPES.get((policy, stage), Recipe(None, 8))
+
+
+def _is_leftover(file: Path) -> bool:
+    """Whether a file may be of a training that ended before its first checkpoint was whole."""
+    if file.name == "checkpoints":
+        return all(part.name.isdigit() for part in file.iterdir())
+    return file.name == LOSS_FILE
+
+
+def _run(arguments: Sequence[str], losses: Path, launcher: str | None) -> None:
+    if launcher is None:
+        from lerobot_gcdt.training.trainer import run  # here, because a launcher has to be the first to import it
+
+        run(arguments, losses)
+        return
+    command = [*shlex.split(launcher), "lerobot_gcdt.training.trainer", str(losses), *arguments]
+    # Threads that wait busily for each other make a training beside other work take up to 40 times as long.
+    status = subprocess.run(command, env={"OMP_WAIT_POLICY": "passive"} | os.environ).returncode
+    if status:
+        raise RuntimeError(f"{launcher} ended with status {status}; repeat the command to go on.")

@@ -1,0 +1,115 @@
+"""Evaluating checkpoints: the tasks that a policy knows, on the seeds that were asked for, once."""
+
+import pandas as pd
+import pytest
+from lerobot.configs.types import FeatureType, PolicyFeature
+from lerobot.policies.act.configuration_act import ACTConfig
+from lerobot.policies.act.modeling_act import ACTPolicy
+from lerobot.policies.act.processor_act import make_act_pre_post_processors
+
+from lerobot_gcdt import GCDTPolicy, make_gcdt_pre_post_processors
+from lerobot_gcdt.evaluation import evaluate_checkpoint, rollout
+from lerobot_gcdt.evaluation.tasks import tasks_of
+
+
+@pytest.fixture
+def checkpoint(tmp_path, tiny_config, uneven_meta):
+    """A policy of NeedleReach and NeedlePick that learned nothing."""
+    policy = GCDTPolicy(tiny_config, dataset_meta=uneven_meta)
+    for part in (policy, *make_gcdt_pre_post_processors(policy.config)):
+        part.save_pretrained(tmp_path / "000001/pretrained_model")
+    return tmp_path / "000001/pretrained_model"
+
+
+@pytest.fixture
+def checkpoint_of_act(tmp_path):
+    """The same of ACT, which does not say what tasks it knows."""
+    config = ACTConfig(
+        input_features={
+            "observation.state": PolicyFeature(FeatureType.STATE, (7,)),
+            "observation.environment_state": PolicyFeature(FeatureType.ENV, (3,)),
+        },
+        output_features={"action": PolicyFeature(FeatureType.ACTION, (5,))},
+        **{"dim_model": 16, "n_heads": 2, "dim_feedforward": 16, "chunk_size": 5, "n_action_steps": 5},
+        **{"pretrained_backbone_weights": None, "device": "cpu", "push_to_hub": False},
+    )
+    for part in (ACTPolicy(config), *make_act_pre_post_processors(config)):
+        part.save_pretrained(tmp_path / "000002/pretrained_model")
+    return tmp_path / "000002/pretrained_model"
+
+
+def starts(episodes: pd.DataFrame) -> list[tuple[str, int]]:
+    return list(zip(episodes.task, episodes.seed, strict=True))
+
+
+def kept(checkpoint) -> pd.DataFrame:
+    return pd.read_parquet(checkpoint.parent / "episodes.parquet")
+
+
+def test_a_policy_is_evaluated_once_on_the_tasks_that_it_knows(checkpoint):
+    first = evaluate_checkpoint(checkpoint, ["NeedleReach", "BiPegBoard"], range(7, 9))
+    assert starts(first) == [("NeedleReach", 7), ("NeedleReach", 8)]
+    written = (checkpoint.parent / "episodes.parquet").stat().st_mtime_ns
+    again = evaluate_checkpoint(checkpoint, ["NeedleReach"], range(7, 9))
+    pd.testing.assert_frame_equal(again, kept(checkpoint))
+    assert starts(again) == starts(first)
+    assert (checkpoint.parent / "episodes.parquet").stat().st_mtime_ns == written
+
+
+def test_other_seeds_add_episodes_and_remove_none(checkpoint):
+    evaluate_checkpoint(checkpoint, ["NeedleReach"], range(100, 103))
+    asked = evaluate_checkpoint(checkpoint, ["NeedleReach"], [8, 102])
+    assert asked.seed.tolist() == [8, 102]
+    assert kept(checkpoint).seed.tolist() == [100, 101, 102, 8]
+
+
+def test_the_other_tasks_that_it_knows_add_episodes_and_remove_none(checkpoint):
+    evaluate_checkpoint(checkpoint, ["NeedlePick"], [3])
+    assert starts(evaluate_checkpoint(checkpoint, seeds=[3])) == [("NeedleReach", 3), ("NeedlePick", 3)]
+    assert starts(kept(checkpoint)) == [("NeedlePick", 3), ("NeedleReach", 3)]
+
+
+def test_an_interrupted_evaluation_goes_on_after_its_last_batch(checkpoint, monkeypatch):
+    whole = rollout.rollout
+    batches = []
+
+    def interrupted(policy, task, seeds):
+        batches.append(seeds)
+        if len(batches) == 2:
+            raise KeyboardInterrupt
+        return whole(policy, task, seeds)
+
+    monkeypatch.setattr(rollout, "rollout", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        evaluate_checkpoint(checkpoint, ["NeedleReach"], range(4), batch_size=2)
+    assert kept(checkpoint).seed.tolist() == [0, 1]
+    assert evaluate_checkpoint(checkpoint, ["NeedleReach"], range(4), batch_size=2).seed.tolist() == [0, 1, 2, 3]
+    assert batches == [[0, 1], [2, 3], [2, 3]]
+
+
+def test_a_policy_that_does_not_say_what_it_knows_needs_tasks(checkpoint_of_act):
+    with pytest.raises(ValueError, match="type act, .* add --tasks"):
+        tasks_of(checkpoint_of_act)
+    assert starts(evaluate_checkpoint(checkpoint_of_act, ["NeedleReach"], [3])) == [("NeedleReach", 3)]
+
+
+@pytest.mark.parametrize(
+    ("tasks", "seeds", "told"),
+    [
+        (["NeedleSew"], [0], "NeedleSew; choose from NeedleReach"),
+        (["BiPegBoard"], [0], "knows NeedleReach, NeedlePick, but not BiPegBoard"),
+        (None, [], "seeds"),
+        (None, [-1], "-1"),
+    ],
+    ids=["unknown task", "another task", "no seeds", "negative seed"],
+)
+def test_a_bad_request_is_told_before_anything_is_evaluated(checkpoint, tasks, seeds, told):
+    with pytest.raises(ValueError, match=told):
+        evaluate_checkpoint(checkpoint, tasks, seeds)
+    assert [file.name for file in checkpoint.parent.iterdir()] == ["pretrained_model"]
+
+
+def test_episodes_are_kept_beside_checkpoints_of_trainings_only(checkpoint):
+    bare = checkpoint.rename(checkpoint.with_name("downloaded"))
+    with pytest.raises(ValueError, match="downloaded is no folder pretrained_model"):
+        evaluate_checkpoint(bare, seeds=[0])

@@ -1,0 +1,168 @@
+"""Trainings begin, go on, or are complete; every stage starts from the weights of the one before it."""
+
+import json
+import shutil
+import subprocess
+from types import SimpleNamespace
+
+import pytest
+from safetensors.torch import load_file
+
+from lerobot_gcdt import training
+from lerobot_gcdt.training import checkpoint, loss_curve, trainer
+
+TINY = ["--policy.layers=1", "--policy.width=16", "--policy.heads=2", "--policy.inner_width=16"]
+
+
+@pytest.fixture(scope="session")
+def train(command):
+    """Trains in this process."""
+    return lambda *arguments, **options: command(lambda: training.train(*arguments, **options))
+
+
+@pytest.fixture
+def asked(monkeypatch):
+    """The arguments of every call of `lerobot-train`, which is not run."""
+    calls = []
+    monkeypatch.setattr(trainer, "run", lambda arguments, losses: calls.append(arguments))
+    return calls
+
+
+@pytest.fixture(scope="module")
+def trained(uneven_root, needle_pick_root, train, tmp_path_factory):
+    """Folder of three stages, one after the other, with a learning rate of next to nothing."""
+    output = tmp_path_factory.mktemp("trained")
+    slow = ["--policy.optimizer_lr=1e-12", "--policy.device=cpu"]
+    train(uneven_root, output / "pretrain", stage="pretrain", steps=2, options=[*TINY, *slow])
+    train(uneven_root, output / "generalist", stage="generalist", start=output / "pretrain", steps=1, options=slow)
+    train(needle_pick_root, output / "finetune", start=output / "generalist", steps=1, options=slow)
+    return output
+
+
+# Stages.
+
+
+@pytest.mark.parametrize(("first", "second"), [("pretrain", "generalist"), ("generalist", "finetune")])
+def test_a_stage_starts_from_the_weights_of_the_one_before_it(trained, first, second):
+    before, after = (load_file(checkpoint(trained / stage) / "model.safetensors") for stage in (first, second))
+    assert before.keys() == after.keys()
+    assert after.pop("training_step") > before.pop("training_step")
+    assert all((before[key] - after[key]).abs().max() < 1e-6 for key in before)
+    objectives = json.loads((checkpoint(trained / second) / "config.json").read_text())["training_stage"]
+    assert objectives == "finetune", "only pretraining has all objectives"
+
+
+def test_a_policy_from_scratch_gets_the_arguments_of_the_quickstart(needle_pick_root, tmp_path, asked, capsys):
+    training.train(needle_pick_root, tmp_path / "new", steps=1000, device="cpu")
+    assert asked == [
+        [
+            *("--policy.type=gcdt", "--policy.push_to_hub=false", "--policy.device=cpu"),
+            *("--dataset.repo_id=local/needle_pick", "--batch_size=4", "--save_freq=500", "--log_freq=12"),
+            *("--num_workers=0", f"--dataset.root={needle_pick_root}", "--steps=1000", f"--output_dir={tmp_path}/new"),
+        ]
+    ]
+    assert capsys.readouterr().out.startswith("lerobot-train \\\n  --policy.type=gcdt \\\n")
+
+
+@pytest.mark.parametrize(
+    ("policy", "options", "told"),
+    [
+        ("bc", {}, {"--policy.type=bc", "--steps=15000", "--batch_size=8"}),
+        ("act", {"steps": 9, "options": ["--policy.chunk_size=5"]}, {"--policy.type=act", "--policy.chunk_size=5"}),
+    ],
+)
+def test_other_policies_have_their_own_settings(needle_pick_root, tmp_path, asked, policy, options, told):
+    training.train(needle_pick_root, tmp_path / "new", policy, **options)
+    assert told <= set(asked[0])
+
+
+# Going on.
+
+
+def test_a_complete_training_is_not_repeated(trained, uneven_root, asked, capsys):
+    last = training.train(uneven_root, trained / "pretrain", stage="pretrain", steps=2)
+    assert last == checkpoint(trained / "pretrain")
+    assert "pretrain is complete already" in capsys.readouterr().out
+    assert not asked
+
+
+def test_a_training_goes_on_even_where_it_and_its_data_were_moved(trained, uneven_root, train, tmp_path):
+    shutil.copytree(trained / "pretrain", tmp_path / "moved", symlinks=True)
+    shutil.copytree(uneven_root, tmp_path / uneven_root.name)
+    train(tmp_path / uneven_root.name, tmp_path / "moved", stage="pretrain", steps=3)
+    assert checkpoint(tmp_path / "moved").resolve().parent.name == "000003"
+    assert checkpoint(trained / "pretrain").resolve().parent.name == "000002"
+    assert loss_curve(tmp_path / "moved").step.tolist() == [1, 2, 3]
+
+
+def test_steps_that_were_repeated_count_once_in_the_loss_curve(tmp_path):
+    (tmp_path / "loss.csv").write_text("step,loss\n1,0.5\n2,0.4\n3,0.35\n2,0.4\n3,0.3\n4,0.2\n")
+    curve = loss_curve(tmp_path)
+    assert curve.step.tolist() == [1, 2, 3, 4] and curve.loss.tolist() == [0.5, 0.4, 0.3, 0.2]
+
+
+def test_what_ended_before_its_first_checkpoint_begins_anew(needle_pick_root, tmp_path, asked):
+    output = tmp_path / "new"
+    (output / "checkpoints/000500").mkdir(parents=True)
+    (output / "loss.csv").write_text("step,loss\n12,0.5\n")
+    training.train(needle_pick_root, output)
+    assert "--policy.type=gcdt" in asked[0]
+    assert not output.exists()
+
+
+@pytest.mark.parametrize("file", ["thesis.txt", "checkpoints/epoch_1.pt"])
+def test_a_folder_with_something_else_is_left_alone(needle_pick_root, tmp_path, asked, file):
+    (tmp_path / file).parent.mkdir(exist_ok=True)
+    (tmp_path / file).write_text("ten years of work")
+    with pytest.raises(ValueError, match="choose another --output"):
+        training.train(needle_pick_root, tmp_path)
+    assert (tmp_path / file).exists() and not asked
+
+
+def test_the_folder_of_another_training_is_refused(trained, uneven_root, needle_pick_root, asked):
+    for dataset, policy in ((uneven_root, "bc"), (needle_pick_root, "gcdt")):
+        with pytest.raises(ValueError, match=f"of gcdt on local/uneven, not of {policy} on local/{dataset.name};"):
+            training.train(dataset, trained / "pretrain", policy)
+    assert not asked
+
+
+# Bad input.
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        ({"policy": "gdct", "steps": 5}, "Unknown policy type 'gdct'; choose one of act, bc"),
+        ({"policy": "act"}, "type act .* --steps"),
+        ({"policy": "bc", "stage": "pretrain"}, "type bc has no stage 'pretrain'; choose one of finetune, scratch"),
+        ({"stage": "tuning"}, "no stage 'tuning'; choose one of pretrain, generalist, finetune, scratch"),
+        ({"stage": "generalist"}, "add --start"),
+        ({"stage": "scratch", "start": "pretrain"}, "leave out --start"),
+        ({"policy": "bc", "start": "pretrain"}, "type gcdt, not bc"),
+        ({"steps": 0}, "positive, got 0"),
+    ],
+    ids=lambda value: "-".join(map(str, value.values())) if isinstance(value, dict) else "",
+)
+def test_a_bad_request_is_told_before_anything_is_written(trained, needle_pick_root, tmp_path, asked, options, told):
+    if "start" in options:
+        options = options | {"start": trained / options["start"]}
+    with pytest.raises(ValueError, match=told):
+        training.train(needle_pick_root, tmp_path / "new", **options)
+    assert not asked and not list(tmp_path.iterdir())
+
+
+# Launchers.
+
+
+def test_a_launcher_runs_the_same_trainer(needle_pick_root, tmp_path, asked, monkeypatch):
+    monkeypatch.delenv("OMP_WAIT_POLICY", raising=False)
+    launched = []
+    failed = SimpleNamespace(returncode=3)
+    monkeypatch.setattr(subprocess, "run", lambda command, env: launched.append((command, env)) or failed)
+    training.train(needle_pick_root, tmp_path / "new")
+    with pytest.raises(RuntimeError, match="num_processes=4 -m ended with status 3"):
+        training.train(needle_pick_root, tmp_path / "new", launcher="accelerate launch --num_processes=4 -m")
+    [(command, environment)] = launched
+    launcher = ["accelerate", "launch", "--num_processes=4", "-m"]
+    assert command == [*launcher, trainer.__name__, str(tmp_path / "new/loss.csv"), *asked[0]]
+    assert environment["OMP_WAIT_POLICY"] == "passive"
