@@ -81,7 +81,7 @@ def test_the_front_page_is_short_and_shows_two_commands_that_are_run():
     assert len(readme.read_text().splitlines()) <= 150
     assert commands(readme) == [QUICKSTART, TESTS]
     assert TESTS in (ROOT / ".ci/run").read_text()
-    assert "quickstart.py" in (ROOT / "tests/examples/test_quickstart.py").read_text()
+    assert 'run_example("quickstart"' in (ROOT / "tests/examples/test_quickstart.py").read_text()
 
 
 def test_what_the_front_page_shows_of_the_simulator_runs():
