@@ -35,7 +35,7 @@ def _add_record(commands) -> None:
         epilog=f"{RECORD_EXAMPLE}; {RECORD_ALL_EXAMPLE}",
     )
     what = record.add_mutually_exclusive_group(required=True)
-    what.add_argument("--task", help="name of the task, such as NeedlePick")
+    what.add_argument("--task", help="name of the task, such as NeedlePick or my_module:MyTask")
     what.add_argument("--all", action="store_true", help="all tasks side by side, and their merger surrol_cross_task")
     record.add_argument("--episodes", type=int, default=100, help="successful episodes to keep (default 100)")
     record.add_argument("--seed", type=int, default=0, help="seed of the first episode (default 0)")
@@ -96,8 +96,8 @@ def _names(text: str) -> list[str]:
 def _record(options: argparse.Namespace) -> None:
     import surrol_gym
 
-    if options.task and options.task not in surrol_gym.TASKS:
-        raise ValueError(f"Unknown task {options.task!r}; choose one of {', '.join(surrol_gym.TASKS)}.")
+    if options.task:
+        surrol_gym.find_task(options.task)
 
     from lerobot_gcdt.recording import record
     from lerobot_gcdt.recording.collection import PUBLISHED_DISTURB, record_all

@@ -12,8 +12,8 @@ from lerobot.policies.pretrained import PreTrainedPolicy
 from lerobot.utils.constants import OBS_IMAGES
 from tqdm import tqdm
 
-import surrol_gym
 from lerobot_gcdt.environment.surrol_env import CameraPictures, SurRoLObservations
+from surrol_gym.registry import find_task, task_name, task_spec
 
 
 def evaluate(policy, tasks: Iterable[str], seeds: Iterable[int], batch_size: int = 25) -> pd.DataFrame:
@@ -22,7 +22,7 @@ def evaluate(policy, tasks: Iterable[str], seeds: Iterable[int], batch_size: int
     Args:
         policy: As ``lerobot_gcdt.evaluation.load_policy`` returns it, or anything else with LeRobot's ``reset()`` and
             ``select_action(batch)`` that takes observations and returns actions as they are, without normalisation.
-        tasks: Names of tasks, of ``surrol_gym.TASKS``.
+        tasks: Names of tasks; see ``surrol_gym.find_task``.
         seeds: Seed of the reset of each episode; the same for every task.
         batch_size: Episodes that run side by side. It has no influence on their outcome beyond rounding.
 
@@ -36,11 +36,9 @@ def evaluate(policy, tasks: Iterable[str], seeds: Iterable[int], batch_size: int
             processors.
     """
     tasks, seeds = list(tasks), list(seeds)
-    unknown = set(tasks) - set(surrol_gym.TASKS)
-    if unknown or not seeds:
-        raise ValueError(
-            f"Cannot evaluate {sorted(unknown) or 'without seeds'}; tasks are {', '.join(surrol_gym.TASKS)}."
-        )
+    names = {task: task_name(find_task(task)) for task in tasks}
+    if not seeds:
+        raise ValueError("Cannot evaluate without seeds.")
     if batch_size < 1:
         raise ValueError(f"batch_size must be positive, got {batch_size}.")
     rows = []
@@ -53,7 +51,7 @@ def evaluate(policy, tasks: Iterable[str], seeds: Iterable[int], batch_size: int
                     reached = success[:, i].any()
                     rows.append(
                         {
-                            "task": task,
+                            "task": names[task],
                             "seed": seed,
                             "reached": bool(reached),
                             "held": bool(success[-1, i]),
@@ -89,7 +87,7 @@ def rollout(
             f"A bare {type(policy).__name__} takes and returns normalised numbers, so its actions would be wrong; "
             "pass lerobot_gcdt.evaluation.load_policy(its checkpoint), which adds its processors."
         )
-    env_id = f"surrol/{task}-v0"
+    env_id = find_task(task)
     pictures = getattr(getattr(policy, "config", None), "image_features", {})
 
     def make():
@@ -105,7 +103,7 @@ def rollout(
         observation, _ = envs.reset(seed=seeds)
         policy.reset()
         success = []
-        for _ in range(gym.spec(env_id).max_episode_steps):
+        for _ in range(task_spec(env_id).max_episode_steps):
             if watch:
                 watch(envs)
             with torch.no_grad():

@@ -31,8 +31,9 @@ def test_an_environment_knows_the_name_of_its_task(make):
     assert [make(task).unwrapped.task for task in surrol_gym.TASKS] == list(surrol_gym.TASKS)
 
 
-def test_the_public_names_are_tasks_and_make_expert():
-    assert set(surrol_gym.__all__) == {"TASKS", "make_expert"}
+def test_the_public_names_are_few():
+    assert set(surrol_gym.__all__) == {"TASKS", "find_task", "make_expert", "register_task", "registered_tasks"}
+    assert all(hasattr(surrol_gym, name) for name in surrol_gym.__all__)
 
 
 def test_the_simulator_loads_neither_torch_nor_lerobot():
