@@ -6,7 +6,7 @@ that is not among the ten where the module that registers it stands in front, as
 
 import importlib
 from pkgutil import resolve_name
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
 from gymnasium.envs.registration import EnvSpec
@@ -19,8 +19,11 @@ if TYPE_CHECKING:
 
 NAMESPACE = "surrol/"
 
+_ids: list[str] = []
+"""Of the registered tasks."""
+
 _laws: dict[str, "Law | str | None"] = {}
-"""The expert's law of each registered task, by the id of its environment."""
+"""The law of each task's expert, by where its environment's class is defined."""
 
 
 def register_task(
@@ -43,9 +46,9 @@ def register_task(
     Raises:
         ValueError: Another class is registered under this id.
     """
-    where = env_class if isinstance(env_class, str) else f"{env_class.__module__}:{env_class.__qualname__}"
+    where = env_class if isinstance(env_class, str) else _where(env_class)
     env_id = f"{NAMESPACE}{where.rpartition(':')[2].rpartition('.')[2].removesuffix('Env')}-v{version}"
-    if env_id in _laws:
+    if env_id in _ids:
         raise ValueError(f"{env_id} is registered already; give the class of {where} another name, or a version.")
     gym.register(
         env_id,
@@ -53,13 +56,14 @@ def register_task(
         max_episode_steps=max_episode_steps,
         additional_wrappers=(RestorableTimeLimit.wrapper_spec(),),
     )
-    _laws[env_id] = expert
+    _ids.append(env_id)
+    _laws[where] = expert
     return env_id
 
 
 def registered_tasks() -> tuple[str, ...]:
     """Returns the names of all registered tasks, the ten first."""
-    return tuple(dict.fromkeys(map(task_name, _laws)))
+    return tuple(dict.fromkeys(map(task_name, _ids)))
 
 
 def task_name(env_id: str) -> str:
@@ -89,9 +93,9 @@ def find_task(task: str) -> str:
             raise ValueError(
                 f"Cannot import the module of {task!r}: {error}; is it installed, or on PYTHONPATH?"
             ) from None
-    ids = [env_id for env_id in _laws if name in (env_id.removeprefix(NAMESPACE), task_name(env_id))]
+    ids = [env_id for env_id in _ids if name in (env_id.removeprefix(NAMESPACE), task_name(env_id))]
     if not ids:
-        versions = [env_id for env_id in _laws if task_name(env_id) == name.partition("-v")[0]]
+        versions = [env_id for env_id in _ids if task_name(env_id) == name.partition("-v")[0]]
         raise ValueError(
             f"Unknown task {task!r}; choose one of {', '.join(versions or registered_tasks())}, or name the module "
             "that registers it, as in my_module:MyTask."
@@ -109,10 +113,15 @@ def env_class(task: str) -> "type[PSMEnv]":
     return _resolved(task_spec(task).entry_point)
 
 
-def find_law(env_id: str) -> "Law | None":
-    """Returns the law of a registered task's expert, by the id of its environment."""
-    return _resolved(_laws.get(env_id))
+def find_law(env_class: type) -> "Law | None":
+    """Returns the law of a task's expert, by the class of its environment or the nearest one that it derives from."""
+    found = next((where for where in map(_where, env_class.__mro__) if where in _laws), None)
+    return _resolved(_laws[found]) if found else None
 
 
-def _resolved(what):
+def _where(defined: type) -> str:
+    return f"{defined.__module__}:{defined.__qualname__}"
+
+
+def _resolved(what: Any) -> Any:
     return resolve_name(what) if isinstance(what, str) else what

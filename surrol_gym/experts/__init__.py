@@ -123,7 +123,7 @@ def make_expert(env: gym.Env) -> Expert:
     """Makes the scripted expert of an environment.
 
     Args:
-        env: A ``surrol/...`` environment of ``gymnasium.make``, wrapped or not.
+        env: A ``surrol/...`` environment, wrapped or not.
 
     Returns:
         An object whose ``act(observation)`` returns an action. It keeps no state between calls.
@@ -131,8 +131,8 @@ def make_expert(env: gym.Env) -> Expert:
     Raises:
         TypeError: The environment is none of a registered task, or that has no expert.
     """
-    spec = env.unwrapped.spec
-    law = find_law(spec.id) if spec else None
+    env_class = type(env.unwrapped)
+    law = find_law(env_class)
     if law is None:
-        raise TypeError(f"{env} has no scripted expert; make a task that was registered with one, by gymnasium.make.")
-    return Expert(type(env.unwrapped), law)
+        raise TypeError(f"{env} has no scripted expert; make an environment that was registered with one.")
+    return Expert(env_class, law)
