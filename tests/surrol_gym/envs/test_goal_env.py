@@ -25,7 +25,7 @@ SIZES = {
     "MatchBoardPanel": (31, 6, 5, 100),
     "PickAndPlace": (31, 6, 5, 100),
     "MatchBoard": (20, 3, 5, 100),
-}
+} | {"PushBlock": (10, 3, 5, 50)}
 ONE_ARM, TWO_ARMS = "PegTransfer", "NeedleRegrasp"
 """What the base class does is tested on these two tasks; whatever differs by task, on all."""
 one_and_two_arms = pytest.mark.parametrize("env", [ONE_ARM, TWO_ARMS], indirect=True)
@@ -94,7 +94,7 @@ def demonstration(env, demonstrations):
 
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("arguments", [{}, {"render_mode": "rgb_array"}, {"obs_type": "pixels_state"}], ids=str)
-@made_with_one_and_two_arms
+@pytest.mark.parametrize("task", [ONE_ARM, TWO_ARMS, "new_task:PushBlock"])
 def test_gymnasiums_checker_has_no_complaint(make, task, arguments):
     assert check_env(make(task, width=32, height=24, **arguments).unwrapped) is None
 
@@ -191,6 +191,7 @@ def test_a_reset_without_seed_draws_another_start(env):
     assert any(snapshot(first) != snapshot(other) for other in others)
 
 
+@pytest.mark.parametrize("env", surrol_gym.TASKS, indirect=True)
 def test_docstrings_have_the_sections_of_gymnasium_robotics_and_explain_every_number(env):
     documentation = type(env.unwrapped).__doc__
     sections = [line.strip().removeprefix("## ") for line in documentation.splitlines() if "## " in line]
