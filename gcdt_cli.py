@@ -44,7 +44,7 @@ def _add_record(commands) -> None:
         epilog=f"{RECORD_EXAMPLE}; {RECORD_ALL_EXAMPLE}",
     )
     what = record.add_mutually_exclusive_group(required=True)
-    what.add_argument("--task", help="name of the task, such as NeedlePick")
+    what.add_argument("--task", help="name of the task, such as NeedlePick or my_module:MyTask")
     what.add_argument("--all", action="store_true", help="all tasks side by side, and their merger surrol_cross_task")
     record.add_argument("--episodes", type=int, default=100, help="successful episodes to keep (default 100)")
     record.add_argument("--seed", type=int, default=0, help="seed of the first episode (default 0)")
@@ -148,8 +148,7 @@ def _check_tasks(names: list[str]) -> None:
     import surrol_gym
 
     for name in names:
-        if name not in surrol_gym.TASKS:
-            raise ValueError(f"Unknown task {name!r}; choose from {', '.join(surrol_gym.TASKS)}.")
+        surrol_gym.find_task(name)
 
 
 def _check_folder(folder: Path, remedy: str) -> None:

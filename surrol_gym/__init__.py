@@ -1,38 +1,30 @@
 """SurRoL's surgical tasks for Gymnasium; importing the package registers ``surrol/<Task>-v0``."""
 
-from gymnasium.envs.registration import register
+from typing import Any
 
-from surrol_gym.envs.time_limit import RestorableTimeLimit
+from surrol_gym.registry import find_task, register_task, registered_tasks
 
-_TIME_LIMITS = {
-    "NeedleReach": 50,
-    "GauzeRetrieve": 50,
-    "NeedlePick": 50,
-    "PegTransfer": 50,
-    "NeedleRegrasp": 50,
-    "BiPegTransfer": 100,
-    "BiPegBoard": 100,
-    "MatchBoardPanel": 100,
-    "PickAndPlace": 100,
-    "MatchBoard": 100,
-}
+__all__ = ["TASKS", "find_task", "make_expert", "register_task", "registered_tasks"]
 
-TASKS = tuple(_TIME_LIMITS)
-"""Names of the registered tasks, in the order of the paper's tables."""
+for _module, _task, _limit in (
+    ("needle_reach", "NeedleReach", 50),
+    ("gauze_retrieve", "GauzeRetrieve", 50),
+    ("needle_pick", "NeedlePick", 50),
+    ("peg_transfer", "PegTransfer", 50),
+    ("needle_regrasp", "NeedleRegrasp", 50),
+    ("bi_peg_transfer", "BiPegTransfer", 100),
+    ("bi_peg_board", "BiPegBoard", 100),
+    ("match_board_panel", "MatchBoardPanel", 100),
+    ("pick_and_place", "PickAndPlace", 100),
+    ("match_board", "MatchBoard", 100),
+):
+    register_task(f"surrol_gym.tasks.{_module}:{_task}Env", _limit, f"surrol_gym.experts.{_module}:law")
 
-__all__ = ["TASKS", "make_expert"]
-
-for _task, _limit in _TIME_LIMITS.items():
-    _module = "".join(f"_{letter.lower()}" if letter.isupper() else letter for letter in _task).strip("_")
-    register(
-        f"surrol/{_task}-v0",
-        f"surrol_gym.tasks.{_module}:{_task}Env",
-        max_episode_steps=_limit,
-        additional_wrappers=(RestorableTimeLimit.wrapper_spec(),),
-    )
+TASKS = registered_tasks()
+"""Names of the ten tasks, in the order of the paper's tables."""
 
 
-def __getattr__(name):
+def __getattr__(name: str) -> Any:
     # PyBullet takes time to load and prints a line; whoever only asks for the names of the tasks is spared both.
     if name == "make_expert":
         from surrol_gym.experts import make_expert

@@ -8,12 +8,14 @@ import argparse
 import os
 import resource
 import time
+from collections.abc import Callable, Sequence
 
 import gymnasium as gym
 import numpy as np
 
 import surrol_gym
 from surrol_gym.envs.goal_env import SUB_STEPS
+from surrol_gym.registry import task_name
 
 ORIGINAL = {
     "NeedleReach": (57, 134),
@@ -40,18 +42,19 @@ COLUMNS = {
 }
 
 
-def measure(task, episodes):
+def measure(task: str, episodes: int) -> dict[str, float]:
     """Measures one task.
 
     Args:
-        task: Name of the task, one of ``surrol_gym.TASKS``.
+        task: Name of the task; see ``surrol_gym.find_task``.
         episodes: Number of episodes of the expert.
 
     Returns:
         One number for each of ``COLUMNS``, by name.
     """
     memory = _memory()
-    env = gym.make(f"surrol/{task}-v0", render_mode="rgb_array")
+    env_id = surrol_gym.find_task(task)
+    env = gym.make(env_id, render_mode="rgb_array")
     expert = surrol_gym.make_expert(env)
     world = env.unwrapped.world
     simulate, simulated = world.step, []
@@ -80,7 +83,7 @@ def measure(task, episodes):
     renders = _rate(env.render, 10)
     memory = _memory() - memory
     env.close()
-    vector = gym.make_vec(f"surrol/{task}-v0", VECTOR)
+    vector = gym.make_vec(env_id, VECTOR)
     vector.reset(seed=0)
     vector.action_space.seed(0)
     vector_steps = VECTOR * _rate(lambda: vector.step(vector.action_space.sample()), 30)
@@ -91,7 +94,7 @@ def measure(task, episodes):
             COLUMNS,
             (
                 per_second,
-                per_second / ORIGINAL[task][0],
+                per_second / ORIGINAL.get(task_name(env_id), (np.nan,))[0],
                 sum(steps) / bare,
                 1e3 * np.median(resets),
                 renders,
@@ -103,7 +106,7 @@ def measure(task, episodes):
     )
 
 
-def _rate(call, count):
+def _rate(call: Callable[[], object], count: int) -> float:
     """Calls a second, after one that is not counted."""
     call()
     start = time.process_time()
@@ -112,26 +115,26 @@ def _rate(call, count):
     return count / (time.process_time() - start)
 
 
-def _memory():
+def _memory() -> float:
     """Largest memory of this process so far, MB."""
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak / 1024 if os.uname().sysname == "Linux" else peak / 1024**2
 
 
-def main(arguments=None):
+def main(arguments: Sequence[str] | None = None) -> None:
     """Prints a table, one row a task."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--tasks", default=",".join(surrol_gym.TASKS), help="names separated by commas")
     parser.add_argument("--episodes", type=int, default=10, help="episodes of the expert in each task")
     options = parser.parse_args(arguments)
     tasks = options.tasks.split(",")
-    unknown = set(tasks) - set(surrol_gym.TASKS)
-    if unknown or options.episodes < 1:
-        parser.error(
-            f"no tasks {sorted(unknown)}; choose among {', '.join(surrol_gym.TASKS)}"
-            if unknown
-            else f"at least one episode is needed, got {options.episodes}"
-        )
+    if options.episodes < 1:
+        parser.error(f"at least one episode is needed, got {options.episodes}")
+    for task in tasks:
+        try:
+            surrol_gym.find_task(task)
+        except ValueError as error:
+            parser.error(str(error))
     print(f"{'task':<16}" + "".join(f"{column:>11}" for column in COLUMNS))
     for task in tasks:
         row = measure(task, options.episodes)

@@ -4,22 +4,15 @@ from dataclasses import dataclass, field
 
 import gymnasium as gym
 import numpy as np
-from gymnasium.envs.registration import load_env_creator
 from lerobot.configs.types import FeatureType, PolicyFeature
 from lerobot.envs.configs import EnvConfig
 from lerobot.envs.utils import freeze_after_episode_end
 from lerobot.processor import PolicyProcessorPipeline
 from lerobot.processor.pipeline import ObservationProcessorStep, ProcessorStepRegistry
 
-import surrol_gym
 from lerobot_gcdt.errors import OptionError
 from lerobot_gcdt.keys import ACHIEVED_GOAL, ACTION, ENVIRONMENT_STATE, GOAL, STATE, image_key
-from surrol_gym.envs.psm_env import PSMEnv
-
-
-def env_class(env_id: str) -> type[PSMEnv]:
-    """Returns the class of an environment, which knows its names, sizes and cameras without being made."""
-    return load_env_creator(gym.spec(env_id).entry_point)
+from surrol_gym.registry import NAMESPACE, env_class, find_task
 
 
 class CameraPictures(gym.ObservationWrapper):
@@ -70,7 +63,7 @@ class SurRoLEnvConfig(EnvConfig):
     """Environment type ``surrol``: ``--env.type=surrol --env.task=NeedlePick-v0``.
 
     Attributes:
-        task: Version and name of a task without its namespace, or several of them separated by commas.
+        task: Name of a task, or several of them separated by commas; see ``surrol_gym.find_task``.
         fps: Control steps a second.
         camera: Camera of the rendered pictures.
         width: Width of the rendered pictures, pixels.
@@ -94,16 +87,16 @@ class SurRoLEnvConfig(EnvConfig):
     camera_size: int = 128
 
     def __post_init__(self):
-        known = [f"{task}-v0" for task in surrol_gym.TASKS]
         for task in self._tasks():
-            if task not in known:
-                raise OptionError(f"env.task must be among {known} or a comma-separated list of them, got {task!r}.")
-            has = sorted(env_class(f"surrol/{task}").cameras)
+            try:
+                has = sorted(env_class(task).cameras)
+            except ValueError as error:
+                raise OptionError(f"env.task: {error}") from None
             if not set(self._cameras()) <= set(has):
                 raise OptionError(f"{task} has the cameras {', '.join(has)}; got env.cameras={self.cameras}.")
         if self.camera_size < 1:
             raise OptionError(f"env.camera_size must be positive, got {self.camera_size}.")
-        env = env_class(self.gym_id)
+        env = env_class(self._tasks()[0])
         self.features = {
             ACTION: PolicyFeature(FeatureType.ACTION, (len(env.action_names),)),
             STATE: PolicyFeature(FeatureType.STATE, (len(env.observation_names),)),
@@ -117,13 +110,13 @@ class SurRoLEnvConfig(EnvConfig):
 
     @property
     def package_name(self) -> str:
-        """The package that registers the environment ids."""
-        return "surrol_gym"
+        """The module that registers the first task."""
+        return find_task(self._tasks()[0]).rpartition(":")[0] or "surrol_gym"
 
     @property
     def gym_id(self) -> str:
         """The id of the first task."""
-        return f"surrol/{self._tasks()[0]}"
+        return find_task(self._tasks()[0]).rpartition(":")[2]
 
     @property
     def gym_kwargs(self) -> dict:
@@ -140,7 +133,11 @@ class SurRoLEnvConfig(EnvConfig):
         Returns:
             ``{task: {0: vector environment}}``.
         """
-        return {task: {0: self._create(task, n_envs, use_async_envs and n_envs > 1)} for task in self._tasks()}
+        ids = map(find_task, self._tasks())
+        return {
+            env_id.rpartition(NAMESPACE)[2]: {0: self._create(env_id, n_envs, use_async_envs and n_envs > 1)}
+            for env_id in ids
+        }
 
     def get_env_processors(self):
         """Returns the pipelines that rename the observations and leave the actions alone."""
@@ -152,9 +149,9 @@ class SurRoLEnvConfig(EnvConfig):
     def _cameras(self) -> list[str]:
         return [camera.strip() for camera in self.cameras.split(",") if camera.strip()]
 
-    def _create(self, task: str, n_envs: int, use_async_envs: bool) -> gym.vector.VectorEnv:
+    def _create(self, env_id: str, n_envs: int, use_async_envs: bool) -> gym.vector.VectorEnv:
         def make():
-            env = gym.make(f"surrol_gym:surrol/{task}", disable_env_checker=True, **self.gym_kwargs)
+            env = gym.make(env_id, disable_env_checker=True, **self.gym_kwargs)
             return CameraPictures(env, self._cameras(), self.camera_size) if self.cameras else env
 
         makers = [freeze_after_episode_end(make)] * n_envs

@@ -11,6 +11,7 @@ from filelock import FileLock
 from lerobot_gcdt.evaluation.loading import load_policy
 from lerobot_gcdt.evaluation.rollout import evaluate
 from lerobot_gcdt.evaluation.tasks import check_starts, tasks_of
+from surrol_gym.registry import find_task, task_name
 
 
 def episodes_file(checkpoint: str | Path) -> Path:
@@ -47,12 +48,13 @@ def evaluate_checkpoint(
     file = episodes_file(checkpoint)
     tasks, policy = tasks_of(checkpoint, tasks), None
     check_starts(tasks, seeds)
-    for task in tasks:
-        kept = set(_read(file).query("task == @task").seed)
-        if missing := [seed for seed in seeds if seed not in kept]:
+    names = {task: task_name(find_task(task)) for task in tasks}
+    for task, name in names.items():
+        kept = _read(file)
+        if missing := sorted(set(seeds) - set(kept.seed[kept.task == name])):
             policy = policy or load_policy(checkpoint)
             evaluate(policy, [task], missing, batch_size, on_batch=partial(_keep, file))
-    asked = pd.MultiIndex.from_product([tasks, seeds], names=["task", "seed"])
+    asked = pd.MultiIndex.from_product([names.values(), seeds], names=["task", "seed"])
     return _read(file).set_index(["task", "seed"]).loc[asked].reset_index()
 
 

@@ -57,7 +57,7 @@ def halfway(task: str, width: int = 320, height: int = 240) -> Image.Image:
     Returns:
         The picture.
     """
-    env = gym.make(f"surrol/{task}-v0")
+    env = gym.make(surrol_gym.find_task(task))
     expert = surrol_gym.make_expert(env)
     observation, _ = env.reset(seed=0)
     actions, success = [], False

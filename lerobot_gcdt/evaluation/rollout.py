@@ -14,6 +14,7 @@ from tqdm import tqdm
 
 from lerobot_gcdt.environment.surrol_env import CameraPictures, SurRoLObservations
 from lerobot_gcdt.evaluation.tasks import check_starts
+from surrol_gym.registry import find_task, task_name, task_spec
 
 
 def evaluate(
@@ -28,7 +29,7 @@ def evaluate(
     Args:
         policy: As ``lerobot_gcdt.evaluation.load_policy`` returns it, or anything else with LeRobot's ``reset()`` and
             ``select_action(batch)`` that takes observations and returns actions as they are, without normalisation.
-        tasks: Names of tasks.
+        tasks: Names of tasks; see ``surrol_gym.find_task``.
         seeds: Seed of the reset of each episode; the same for every task.
         batch_size: Episodes that run side by side. It has no influence on their outcome beyond rounding.
         on_batch: Called with the rows of every batch that is finished.
@@ -52,7 +53,7 @@ def evaluate(
             bar.set_description(f"Evaluating {task}")
             for start in range(0, len(seeds), batch_size):
                 batch = seeds[start : start + batch_size]
-                finished.append(_rows(task, batch, *rollout(policy, task, batch)))
+                finished.append(_rows(task_name(find_task(task)), batch, *rollout(policy, task, batch)))
                 if on_batch:
                     on_batch(finished[-1])
                 bar.update(len(batch))
@@ -98,7 +99,7 @@ def rollout(
             f"A bare {type(policy).__name__} takes and returns normalised numbers, so its actions would be wrong; "
             "pass lerobot_gcdt.evaluation.load_policy(its checkpoint), which adds its processors."
         )
-    env_id = f"surrol/{task}-v0"
+    env_id = find_task(task)
     pictures = getattr(getattr(policy, "config", None), "image_features", {})
 
     def make():
@@ -114,7 +115,7 @@ def rollout(
         observation, _ = envs.reset(seed=seeds)
         policy.reset()
         success = []
-        for _ in range(gym.spec(env_id).max_episode_steps):
+        for _ in range(task_spec(env_id).max_episode_steps):
             if watch:
                 watch(envs)
             with torch.no_grad():

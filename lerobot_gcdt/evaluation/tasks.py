@@ -5,27 +5,15 @@ from pathlib import Path
 
 from lerobot.configs.policies import PreTrainedConfig
 
-import surrol_gym
-from lerobot_gcdt.environment.surrol_env import env_class
-
-
-def check_tasks(tasks: Sequence[str]) -> None:
-    """Raises ValueError unless all of these tasks exist."""
-    unknown = [task for task in tasks if task not in surrol_gym.TASKS]
-    if unknown:
-        raise ValueError(f"Unknown tasks {', '.join(unknown)}; choose from {', '.join(surrol_gym.TASKS)}.")
+from surrol_gym.registry import env_class, find_task, registered_tasks
 
 
 def check_starts(tasks: Sequence[str], seeds: Sequence[int]) -> None:
     """Raises ValueError unless there are tasks, all of them exist, and seeds, none of them negative."""
-    check_tasks(tasks)
+    for task in tasks:
+        find_task(task)
     if not tasks or not seeds or min(seeds) < 0:
         raise ValueError(f"An evaluation needs tasks, and seeds from 0 on; got {list(tasks)} and {sorted(seeds)[:3]}.")
-
-
-def sentences() -> dict[str, str]:
-    """Returns the sentence of each task, by its name."""
-    return {task: env_class(f"surrol/{task}-v0").task_description for task in surrol_gym.TASKS}
 
 
 def tasks_of(checkpoint: str | Path, chosen: Sequence[str] | None = None) -> list[str]:
@@ -33,7 +21,7 @@ def tasks_of(checkpoint: str | Path, chosen: Sequence[str] | None = None) -> lis
 
     Args:
         checkpoint: Its folder.
-        chosen: Names of tasks; None for all.
+        chosen: Tasks, as ``surrol_gym.find_task`` takes them; None for all that are registered.
 
     Returns:
         Those of the chosen tasks that the policy knows. Policies that do not tell what they know are taken to know the
@@ -42,7 +30,7 @@ def tasks_of(checkpoint: str | Path, chosen: Sequence[str] | None = None) -> lis
     Raises:
         ValueError: A chosen task is unknown, the policy knows none of them, or nothing is chosen and it does not tell.
     """
-    check_tasks(chosen or [])
+    sentences = {task: env_class(task).task_description for task in chosen or registered_tasks()}
     config = PreTrainedConfig.from_pretrained(checkpoint)
     if not getattr(config, "task_dims", None):
         if not chosen:
@@ -50,8 +38,10 @@ def tasks_of(checkpoint: str | Path, chosen: Sequence[str] | None = None) -> lis
                 f"{checkpoint} is a policy of type {config.type}, which does not tell what it knows; add --tasks."
             )
         return list(chosen)
-    known = [task for task, sentence in sentences().items() if sentence in config.task_dims]
-    tasks = [task for task in chosen or known if task in known]
+    tasks = [task for task, sentence in sentences.items() if sentence in config.task_dims]
     if not tasks:
-        raise ValueError(f"{checkpoint} knows {', '.join(known)}, but not {', '.join(chosen or known)}.")
+        raise ValueError(
+            f"{checkpoint} knows {', '.join(map(repr, config.task_dims))}, but none of {', '.join(sentences)}; name "
+            "the module that registers another task, as in --tasks my_module:MyTask."
+        )
     return tasks

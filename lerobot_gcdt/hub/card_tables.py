@@ -1,10 +1,10 @@
-"""The tables of a dataset's card: every number by its name, with what the docstring says of it and its statistics."""
+"""The tables of a dataset's card: every number by its name, with what the task says of it and its statistics."""
 
-import re
+from collections.abc import Iterable, Iterator
 
 from lerobot.utils.constants import DEFAULT_FEATURES
 
-from lerobot_gcdt.hub.docstrings import described_numbers, remarks, sections
+from lerobot_gcdt.hub.docstrings import remarks, sections
 from lerobot_gcdt.keys import (
     ACHIEVED_GOAL,
     ACTION,
@@ -17,12 +17,8 @@ from lerobot_gcdt.keys import (
     TIME_TO_GOAL,
 )
 from lerobot_gcdt.recording.openh import cartesian_state_names
-
-UNITS = {"x": "su", "y": "su", "z": "su", "roll": "rad", "pitch": "rad", "yaw": "rad", "jaw": "rad"}
-"""Unit of a number of an observation or goal, by the end of its name; others have none."""
-
-SAID_BY_NAME_AND_UNIT = re.compile(r" \(x, y, z\)|, (su|radians)(?=;|$)")
-"""What a row of a docstring says of its numbers that other columns of the card say, too."""
+from surrol_gym.envs.psm_env import PSMEnv
+from surrol_gym.quantities import Quantity, table
 
 OTHER_KEYS = {
     TIME_TO_GOAL: "steps to the first success, 0 from then on",
@@ -31,14 +27,8 @@ OTHER_KEYS = {
 }
 
 
-def table(titles: list[str], rows: list[list]) -> str:
-    """Returns a table as Markdown; rows may be shorter than the titles."""
-    lines = [titles, ["---"] * len(titles), *(row + [""] * (len(titles) - len(row)) for row in rows)]
-    return "\n".join("|" + "".join(f" {cell} |" if cell != "" else " |" for cell in line) for line in lines)
-
-
-def number_tables(env_class: type, statistics: dict[str, dict], heading: str) -> str:
-    """Describes every number of observations, goals and actions, with what the docstring adds.
+def number_tables(env_class: type[PSMEnv], statistics: dict[str, dict], heading: str) -> str:
+    """Describes every number of observations, goals and actions, with what the docstring adds below its tables.
 
     Args:
         env_class: The task.
@@ -49,36 +39,34 @@ def number_tables(env_class: type, statistics: dict[str, dict], heading: str) ->
         Markdown.
     """
     told = sections(env_class)
-    observation, action = told["Observation Space"], told["Action Space"]
-    state, moves = described_numbers(observation), described_numbers(action)
     states = [
-        [i, f"`{name}`", _content(state, i), _unit(name), *_figures(statistics, STATE, i)]
-        for i, name in enumerate(env_class.observation_names)
+        [i, f"`{name}`", content, unit, *_figures(statistics, STATE, i)]
+        for i, name, content, unit in _numbers(env_class.observation_quantities)
     ]
     goals = [
-        [i, f"`{name}`", _unit(name), *_figures(statistics, ACHIEVED_GOAL, i), *_figures(statistics, GOAL, i)]
-        for i, name in enumerate(env_class.goal_names)
+        [i, f"`goal_{name}`", unit, *_figures(statistics, ACHIEVED_GOAL, i), *_figures(statistics, GOAL, i)]
+        for i, name, _, unit in _numbers(env_class.goal_quantities)
     ]
-    actions = []
-    for i, name in enumerate(env_class.action_names):
-        figures = [*_figures(statistics, ACTION, i), *_figures(statistics, DISTURBANCE, i)]
-        actions.append([i, f"`{name}`", _content(moves, i), moves[i][1], *figures])
+    actions = [
+        [i, f"`{name}`", content, effect, *_figures(statistics, ACTION, i), *_figures(statistics, DISTURBANCE, i)]
+        for i, name, content, effect in _numbers(env_class.action_quantities)
+    ]
     achieved, desired = _titles(statistics, ACHIEVED_GOAL, "achieved "), _titles(statistics, GOAL, "desired ")
     moved, pushed = _titles(statistics, ACTION), _titles(statistics, DISTURBANCE, "push ")
     parts = [
         f"{heading} `{STATE}`",
         table(["index", "name", "content", "unit", *_titles(statistics, STATE)], states),
-        remarks(observation),
+        remarks(told["Observation Space"]),
         f"{heading} `{ACHIEVED_GOAL}` and `{GOAL}`",
         table(["index", "name", "unit", *achieved, *desired], goals),
         f"{heading} `{ACTION}` and `{DISTURBANCE}`",
         table(["index", "name", "content", "effect of 1", *moved, *pushed], actions),
-        remarks(action),
+        remarks(told["Action Space"]),
     ]
     return "\n\n".join(filter(None, parts))
 
 
-def other_keys(env_class: type, extras: dict, statistics: dict[str, dict]) -> str:
+def other_keys(env_class: type[PSMEnv], extras: dict, statistics: dict[str, dict]) -> str:
     """Describes the columns that are the same in all tasks, and those that were recorded on request.
 
     Args:
@@ -101,13 +89,14 @@ def other_keys(env_class: type, extras: dict, statistics: dict[str, dict]) -> st
     return table(["key", "content", *_titles(statistics, TIME_TO_GOAL)], rows)
 
 
-def _content(described: dict[int, list[str]], i: int) -> str:
-    """What the docstring says of a number; nothing where it shares the row of the number before."""
-    return "" if i and described[i] is described[i - 1] else SAID_BY_NAME_AND_UNIT.sub("", described[i][0])
-
-
-def _unit(name: str) -> str:
-    return UNITS.get(name.rpartition("_")[2], "")
+def _numbers(quantities: Iterable[Quantity]) -> Iterator[tuple[int, str, str, str]]:
+    """Index, name, content and unit of every number; the content stands at the first one of a quantity."""
+    told = [
+        (name, "" if i else quantity.meaning, quantity.unit)
+        for quantity in quantities
+        for i, name in enumerate(quantity.names)
+    ]
+    return ((i, *number) for i, number in enumerate(told))
 
 
 def _titles(statistics: dict[str, dict], key: str, prefix: str = "") -> list[str]:

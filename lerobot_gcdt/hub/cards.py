@@ -8,16 +8,16 @@ import textwrap
 from dataclasses import asdict
 from pathlib import Path
 
-import gymnasium as gym
 from huggingface_hub import DatasetCardData
 
-from lerobot_gcdt.environment.surrol_env import env_class
-from lerobot_gcdt.hub.card_tables import number_tables, other_keys, table
+from lerobot_gcdt.hub.card_tables import number_tables, other_keys
 from lerobot_gcdt.hub.docstrings import sections
 from lerobot_gcdt.recording.demonstrations import PUSH_RATE, PUSH_RATE_SLOW, dataset_name
-from lerobot_gcdt.recording.facts import card_facts, frames_of, recordings, task_of
+from lerobot_gcdt.recording.facts import card_facts, frames_of, recordings, task_named, task_of
 from lerobot_gcdt.recording.features import NO_EXTRAS
 from lerobot_gcdt.recording.merging import PADDED_SIZES
+from surrol_gym.quantities import table
+from surrol_gym.registry import env_class, task_spec
 
 PICTURES = "pictures"
 """Folder of a published dataset that holds a picture of each task."""
@@ -189,7 +189,7 @@ def recording_commands(facts: dict, root: str) -> list[str]:
         parts = {f"datasets/{dataset_name(task_of(part))}": part for part in recordings(facts)}
         made = [command for folder, part in parts.items() for command in recording_commands(part, folder)]
         return [*made, " \\\n  ".join(["gcdt merge", *parts, f"--root {root}"])]
-    options = {"task": task_of(facts)} | {name: facts[name] for name in ("episodes", "seed", "disturb")}
+    options = {"task": task_named(facts)} | {name: facts[name] for name in ("episodes", "seed", "disturb")}
     extras = facts["extras"]
     options |= {name: ",".join(extras[name]) for name in ("fields", "cameras") if extras[name]}
     options |= {"camera_size": extras["camera_size"]} if extras["cameras"] else {}
@@ -218,7 +218,7 @@ def _metadata(subject: str, frames: int) -> DatasetCardData:
 
 
 def _body(facts: dict, name: str, pictures: str) -> str:
-    task_class, limit = env_class(facts["env_id"]), gym.spec(facts["env_id"]).max_episode_steps
+    task_class, limit = env_class(facts["env_id"]), task_spec(facts["env_id"]).max_episode_steps
     last = facts["seed"] + facts["attempts"] - 1
     told = sections(task_class)
     return BODY.format(

@@ -4,16 +4,15 @@ import json
 from collections.abc import Iterable
 from pathlib import Path
 
-import gymnasium as gym
 import pyarrow.parquet as pq
 import yaml
 from huggingface_hub import DatasetCard, ModelCard
 from lerobot.datasets.dataset_metadata import CODEBASE_VERSION
 from safetensors import SafetensorError, safe_open
 
-import surrol_gym  # noqa: F401 (registers the environment ids)
 from lerobot_gcdt.hub.model_card import POLICIES
 from lerobot_gcdt.recording.demonstrations import RECORDING_FILE
+from surrol_gym import find_task
 
 INFO_FILE = "meta/info.json"
 DATASET_FILES = (INFO_FILE, RECORDING_FILE, "meta/stats.json", "meta/tasks.parquet")
@@ -38,10 +37,10 @@ def check_dataset(root: Path) -> None:
         if rows != info.get(what):
             raise ValueError(f"{root / folder} holds {rows} rows, but {INFO_FILE} says {what} = {info.get(what)}.")
     for env_id in _environments(read_json(root / RECORDING_FILE)):
-        if env_id not in gym.registry:
-            name = env_id.rsplit("-v", 1)[0]
-            ours = [known for known in gym.registry if known.rsplit("-v", 1)[0] == name]
-            raise ValueError(f"{root} was made in {env_id}; this package has {', '.join(ours) or 'no such task'}.")
+        try:
+            find_task(env_id)
+        except ValueError as error:
+            raise ValueError(f"{root / RECORDING_FILE}: {error}") from None
 
 
 def check_checkpoint(folder: Path) -> None:

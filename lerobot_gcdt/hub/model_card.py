@@ -18,9 +18,10 @@ from lerobot.configs.policies import PreTrainedConfig
 
 from lerobot_gcdt.evaluation.checkpoints import episodes_file
 from lerobot_gcdt.evaluation.statistics import by_starts, wilson_interval
-from lerobot_gcdt.evaluation.tasks import sentences
 from lerobot_gcdt.hub.cards import CITATION, recording_commands
 from lerobot_gcdt.recording.demonstrations import RECORDING_FILE
+from lerobot_gcdt.recording.facts import recordings, task_named
+from surrol_gym.registry import env_class, registered_tasks
 
 POLICIES = {
     "gcdt": ("GCDTPolicy", "The goal-conditioned decision transformer (GCDT) of Fu et al. (ICRA 2024)"),
@@ -99,7 +100,7 @@ def model_card(checkpoint: Path, repo_id: str | None = None) -> str:
     config = json.loads((checkpoint / "train_config.json").read_text())
     policy = json.loads((checkpoint / "config.json").read_text())
     repo_id = repo_id or checkpoint.name
-    known = {task: sentence for task, sentence in sentences().items() if sentence in policy["task_dims"]}
+    known = {task: told for told, task in _sentences(config["dataset"]).items() if told in policy["task_dims"]}
     episodes = episodes_file(checkpoint)
     table = pd.read_parquet(episodes) if episodes.exists() else None
     revision = config["dataset"]["revision"]
@@ -118,6 +119,14 @@ def model_card(checkpoint: Path, repo_id: str | None = None) -> str:
         env_task=",".join(f"{task}-v0" for task in known),
         citation=CITATION,
     )
+
+
+def _sentences(dataset: dict) -> dict[str, str]:
+    """The task that each sentence tells, of those that are registered and those of a training's dataset."""
+    note = _note(dataset)
+    recorded = {part["env_id"]: task_named(part) for part in (recordings(note) if note else ())}
+    tasks = {task: task for task in registered_tasks()} | recorded
+    return {env_class(task).task_description: named for task, named in tasks.items()}
 
 
 def _metadata(repo_id: str, policy: dict, dataset: str, table: pd.DataFrame | None) -> ModelCardData:
@@ -171,8 +180,14 @@ def _figure(successes: int, starts: int) -> str:
 
 def _recordings(dataset: dict) -> list[str]:
     """The commands that make a training's dataset, where its folder is still there to tell."""
+    note = _note(dataset)
+    return recording_commands(note, _folder(dataset)) if note else []
+
+
+def _note(dataset: dict) -> dict:
+    """What a training's dataset says of how it was recorded; nothing where its folder is not there to tell."""
     note = Path(dataset["root"] or "") / RECORDING_FILE
-    return recording_commands(json.loads(note.read_text()), _folder(dataset)) if note.exists() else []
+    return json.loads(note.read_text()) if note.exists() else {}
 
 
 def _folder(dataset: dict) -> str:

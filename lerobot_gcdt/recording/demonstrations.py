@@ -48,7 +48,7 @@ class Recording:
     """What was asked for; two recordings with equal fields give the same dataset.
 
     Attributes:
-        env_id: The environment.
+        env_id: The environment, with the module that registers it where that was named: makes it in any process.
         episodes: How many successful episodes.
         seed: Seed of the first episode; the following ones count up, failures are left out.
         disturb: Size of the pushes that divert the arm, in units of an action; 0 for none.
@@ -81,7 +81,7 @@ def record(
     """Records successful episodes of a task's scripted expert as a LeRobot dataset.
 
     Args:
-        task: Name of the task, one of ``surrol_gym.TASKS``.
+        task: Name of the task; see ``surrol_gym.find_task``.
         episodes: Number of successful episodes.
         seed: Seed of the first episode.
         root: Folder of the dataset; calling again with the same arguments goes on with an interrupted recording.
@@ -98,14 +98,13 @@ def record(
             what is finished is kept.
         RuntimeError: The expert fails again and again; what is finished is kept.
     """
-    if task not in surrol_gym.TASKS:
-        raise ValueError(f"Unknown task {task!r}; choose one of {', '.join(surrol_gym.TASKS)}.")
+    env_id = surrol_gym.find_task(task)
     if episodes < 1 or seed < 0:
         raise ValueError(f"A recording needs at least one episode and a seed from 0, got {episodes} and {seed}.")
     if not 0 <= disturb <= 1:
         raise ValueError(f"The size of disturbances must lie in [0, 1], got {disturb}.")
     root = Path(root)
-    wanted = Recording(f"surrol/{task}-v0", episodes, seed, float(disturb), extras, version("lerobot_policy_gcdt"))
+    wanted = Recording(env_id, episodes, seed, float(disturb), extras, version("lerobot_policy_gcdt"))
     extras.check(wanted.env_id)
     parts = root.with_name(root.name + ".recording")
     if root.exists():

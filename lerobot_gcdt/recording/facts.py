@@ -3,11 +3,11 @@
 import json
 from pathlib import Path
 
-import gymnasium as gym
 import numpy as np
 from lerobot.utils.constants import DEFAULT_FEATURES
 
 from lerobot_gcdt.recording.demonstrations import RECORDING_FILE
+from surrol_gym.registry import NAMESPACE, task_name, task_spec
 
 
 def card_facts(root: Path) -> dict:
@@ -38,12 +38,17 @@ def recordings(facts: dict) -> list[dict]:
 
 def task_of(facts: dict) -> str:
     """Returns the name of the task of a recording."""
-    return facts["env_id"].removeprefix("surrol/").rsplit("-v", 1)[0]
+    return task_name(facts["env_id"])
+
+
+def task_named(facts: dict) -> str:
+    """Returns how a command names the task of a recording, with the module that registers it where that is known."""
+    return facts["env_id"].replace(NAMESPACE, "").rpartition("-v")[0]
 
 
 def frames_of(facts: dict) -> int:
     """Returns the number of frames of a recording, whose episodes all run to the time limit."""
-    return facts["episodes"] * gym.spec(facts["env_id"]).max_episode_steps
+    return facts["episodes"] * task_spec(facts["env_id"]).max_episode_steps
 
 
 def _summarised(facts: dict) -> dict:

@@ -1,17 +1,21 @@
 """The goal environment that the tasks share: Gymnasium's API around one PyBullet world."""
 
+import inspect
 import os
 import sys
 from abc import abstractmethod
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, ClassVar
 
 import gymnasium as gym
 import numpy as np
 from gymnasium.error import ClosedEnvironmentError, ResetNeeded
 
 from surrol_gym.bullet import World
+from surrol_gym.quantities import Quantity, described, names, places
 from surrol_gym.stage import KINDS, Camera, Stage
 
 SUB_STEPS = 48
@@ -28,6 +32,13 @@ _PICTURES = {"rgb_array": "rgb", "depth_array": "depth", "segmentation": "segmen
 _HAS_DISPLAY = not sys.platform.startswith("linux") or "DISPLAY" in os.environ
 
 
+Observation = dict[str, np.ndarray]
+"""Arrays ``observation``, ``achieved_goal`` and ``desired_goal``; see ``GoalEnv``."""
+
+Reading = SimpleNamespace
+"""What ``GoalEnv.read`` returns."""
+
+
 @dataclass(frozen=True)
 class State:
     """A moment of an episode, as ``get_state`` returns it: simulation, task, random generator and number of steps."""
@@ -41,6 +52,10 @@ class State:
 
 class GoalEnv(gym.Env):
     """Base of all tasks: dict observations with goals, sparse rewards, seeded resets that load nothing.
+
+    A task is named as its class without ``Env``. It says once, as data, what its numbers are
+    (``observation_quantities``, ``goal_quantities``); the tables of its docstring stand where that says
+    ``{observation}`` and ``{actions}``.
 
     Observations are dicts of float32 arrays ``observation``, ``achieved_goal`` and ``desired_goal``, in scaled units
     (1 su = 0.2 m) and radians, world frame; with ``obs_type="pixels_state"`` also ``pixels``, a picture of shape
@@ -69,22 +84,65 @@ class GoalEnv(gym.Env):
 
     metadata = {"render_modes": [*_PICTURES, *["human"] * _HAS_DISPLAY], "render_fps": 5}
 
-    task: str
-    """Name of the task, one of ``surrol_gym.TASKS``."""
-    task_description: str
+    task: ClassVar[str]
+    """Name of the task."""
+    task_description: ClassVar[str]
     """The task as a sentence; datasets store it and language-conditioned policies read it."""
-    cameras: dict[str, Camera]
-    observation_names: tuple[str, ...]
+    cameras: ClassVar[dict[str, Camera]]
+    observation_quantities: ClassVar[tuple[Quantity, ...]] = ()
+    """What the numbers of ``observation`` are, in their order."""
+    goal_quantities: ClassVar[tuple[Quantity, ...]] = ()
+    """What the numbers of a goal are; one that is observed, too, has the same name there."""
+    action_quantities: ClassVar[tuple[Quantity, ...]] = ()
+    observation_names: ClassVar[tuple[str, ...]]
     """Name of each number of ``observation``; datasets carry them."""
-    goal_names: tuple[str, ...]
+    goal_names: ClassVar[tuple[str, ...]]
     """Name of each number of a goal; a number of ``observation`` of that name repeats the desired goal."""
-    action_names: tuple[str, ...]
+    action_names: ClassVar[tuple[str, ...]]
+    _places: ClassVar[dict[str, dict[str, int | slice]]]
     goal_tolerance = 0.025
     """Distance from the desired goal that is success, su."""
     solver_iterations = 50
     """Iterations of the contact solver; a task may get by with fewer."""
 
-    def __init__(self, render_mode=None, obs_type="state", camera="closeup", width=256, height=256):
+    def __init_subclass__(cls, **kwargs: Any):
+        super().__init_subclass__(**kwargs)
+        cls.task = cls.__name__.removesuffix("Env")
+        desired = [replace(quantity, name=f"goal_{quantity.name}") for quantity in cls.goal_quantities]
+        cls.observation_names, cls.goal_names = names(cls.observation_quantities), names(desired)
+        cls.action_names = names(cls.action_quantities)
+        cls._places = {
+            "achieved_goal": places(cls.goal_quantities),
+            "desired_goal": places(desired),
+            "observation": places(cls.observation_quantities),
+        }
+        if cls.__doc__:  # Python may have been told to leave docstrings out
+            doc = inspect.cleandoc(cls.__doc__).replace("{observation}", cls._describe_observation())
+            cls.__doc__ = doc.replace("{actions}", cls._describe_actions())
+
+    @classmethod
+    def _describe_observation(cls) -> str:
+        size, goals = len(cls.goal_names), cls.goal_quantities
+        return (
+            "A dictionary of float32 arrays in scaled units (1 su = 0.2 m) and radians, world frame.\n\n"
+            + described(cls.observation_quantities, "Index", "`observation`", "Content", "Unit")
+            + f"\n\n`achieved_goal` ({size}): {', then '.join(goal.meaning for goal in goals)}. "
+            + f"`desired_goal` ({size}): {', then '.join(goal.wanted for goal in goals)}."
+        )
+
+    @classmethod
+    def _describe_actions(cls) -> str:
+        space = f"`Box(-1, 1, ({len(cls.action_names)},), float32)`. One step is 0.2 s.\n\n"
+        return space + described(cls.action_quantities, "Index", "`action`", "Action", "Effect of 1")
+
+    def __init__(
+        self,
+        render_mode: str | None = None,
+        obs_type: str = "state",
+        camera: str = "closeup",
+        width: int = 256,
+        height: int = 256,
+    ):
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             hint = " ('human' needs a display)" if render_mode == "human" else ""
             raise ValueError(
@@ -108,10 +166,10 @@ class GoalEnv(gym.Env):
         if obs_type == "pixels_state":
             self.observation_space["pixels"] = gym.spaces.Box(0, 255, (height, width, 3), np.uint8)
         self.world = World(self.solver_iterations)
-        self._stage = None
+        self._stage: Stage | None = None
         self._closed = False
-        self._goal = None
-        self._world_state = None
+        self._goal: np.ndarray | None = None
+        self._world_state: tuple | None = None
         self.elapsed_steps = 0
         # Things near the camera first: the renderer then finds the others hidden.
         self._build_scene()
@@ -123,55 +181,68 @@ class GoalEnv(gym.Env):
         if render_mode == "human":
             self._get_stage()
 
+    @classmethod
+    def read(cls, observation: Observation) -> Reading:
+        """Returns the numbers of an observation by their names, and those of each quantity together.
+
+        Of NeedlePick, ``seen.psm1_jaw`` is a number, ``seen.middle`` a point of shape (3,) and ``seen.middle_rpy`` its
+        Euler angles; ``seen.goal_middle`` is the desired goal. An achieved goal that is not observed has its own name,
+        as NeedleReach's ``seen.tip``.
+        """
+        found = cls._places.items()
+        return Reading(**{name: observation[array][at] for array, places in found for name, at in places.items()})
+
     # What a task defines.
 
     @abstractmethod
-    def _build_scene(self):
+    def _build_scene(self) -> None:
         """Loads arms and objects; runs once, when the environment is made."""
 
     @abstractmethod
-    def _pose_scene(self):
+    def _pose_scene(self) -> None:
         """Puts arms and objects where the episode starts, drawing from ``self.np_random``."""
 
     @abstractmethod
-    def _sample_goal(self):
+    def _sample_goal(self) -> np.ndarray:
         """Returns the desired goal of the settled scene, shape (G,), drawing from ``self.np_random``."""
 
     @abstractmethod
-    def _apply_action(self, action):
+    def _apply_action(self, action: np.ndarray) -> bool:
         """Commands the arms and grippers; returns whether the workspace clipped the motion."""
 
     @abstractmethod
-    def _after_sub_steps(self):
+    def _after_sub_steps(self) -> None:
         """Updates what the motion caused, such as grasps."""
 
     @abstractmethod
-    def _observe(self):
+    def _observe(self) -> np.ndarray:
         """Returns the observation vector, shape (O,)."""
 
     @abstractmethod
-    def _achieved_goal(self):
+    def _achieved_goal(self) -> np.ndarray:
         """Returns the achieved goal, shape (G,)."""
 
     @abstractmethod
-    def _contact_force(self):
+    def _contact_force(self) -> float:
         """Returns the sum of the normal forces on the arms."""
 
-    def is_success(self, achieved_goal, desired_goal):
+    def is_success(self, achieved_goal: np.ndarray, desired_goal: np.ndarray) -> np.ndarray:
         """Tests achieved against desired goals of shape (..., G); returns booleans of shape (...)."""
         return np.linalg.norm(np.subtract(achieved_goal, desired_goal), axis=-1) < self.goal_tolerance
 
-    def _get_task_state(self):
+    def _get_task_state(self) -> dict[str, Any]:
         """Returns what the task must remember beside the simulation."""
         return {"goal": tuple(self._goal.tolist())}
 
-    def _set_task_state(self, state):
+    def _set_task_state(self, state: dict[str, Any]) -> None:
         """Restores ``_get_task_state``."""
         self._goal = np.array(state["goal"])
 
     # Gymnasium's API.
 
-    def reset(self, *, seed=None, options=None):
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
         """Starts an episode; see ``gymnasium.Env.reset``. No task has options, so they are not looked at."""
         self._check_open()
         super().reset(seed=seed)
@@ -186,7 +257,7 @@ class GoalEnv(gym.Env):
         observation = self._get_observation()
         return observation, self._get_info(observation, contact_force, workspace_clipped=False)
 
-    def step(self, action):
+    def step(self, action: np.ndarray) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Advances the episode by one control step of 0.2 s; see ``gymnasium.Env.step``.
 
         Raises:
@@ -204,14 +275,14 @@ class GoalEnv(gym.Env):
         info = self._get_info(observation, contact_force, clipped)
         return observation, float(info["is_success"]) - 1.0, False, False, info
 
-    def render(self):
+    def render(self) -> np.ndarray | None:
         """Returns a picture as the render mode says; in mode ``"human"`` the window shows itself."""
         self._check_open()
         if self.render_mode in _PICTURES:
             return self._render(*self._picture, _PICTURES[self.render_mode])
         return None
 
-    def picture(self, camera="closeup", width=256, height=256, kind="rgb"):
+    def picture(self, camera: str = "closeup", width: int = 256, height: int = 256, kind: str = "rgb") -> np.ndarray:
         """Renders the scene from any camera at any size, whatever the render mode.
 
         Args:
@@ -229,12 +300,12 @@ class GoalEnv(gym.Env):
         return self._render(*self._check_picture(camera, width, height), kind)
 
     @property
-    def segment_names(self):
+    def segment_names(self) -> tuple[str, ...]:
         """What the numbers of a segmentation stand for: its pixels are indices into this tuple."""
         self._check_open()
         return self._get_stage().names
 
-    def close(self):
+    def close(self) -> None:
         """Frees the simulation; closing twice is harmless."""
         if not self._closed:
             self._closed = True
@@ -244,29 +315,29 @@ class GoalEnv(gym.Env):
 
     # The multi-goal API: everything vectorised over leading axes.
 
-    def compute_reward(self, achieved_goal, desired_goal, info):
+    def compute_reward(self, achieved_goal: np.ndarray, desired_goal: np.ndarray, info: Any) -> np.ndarray | float:
         """Returns 0 where the goal is achieved and -1 elsewhere, for goals of shape (..., G)."""
         reward = np.asarray(self.is_success(achieved_goal, desired_goal), dtype=np.float32) - 1.0
         return reward if reward.ndim else float(reward)
 
-    def compute_terminated(self, achieved_goal, desired_goal, info):
+    def compute_terminated(self, achieved_goal: np.ndarray, desired_goal: np.ndarray, info: Any) -> np.ndarray | bool:
         """Returns False for every goal: episodes end at the time limit only."""
         return self._never(achieved_goal)
 
-    def compute_truncated(self, achieved_goal, desired_goal, info):
+    def compute_truncated(self, achieved_goal: np.ndarray, desired_goal: np.ndarray, info: Any) -> np.ndarray | bool:
         """Returns False for every goal: the time limit truncates."""
         return self._never(achieved_goal)
 
     # Saving and restoring.
 
-    def get_state(self):
+    def get_state(self) -> State:
         """Returns the full state of the episode; ``set_state`` brings it back in any environment of this task."""
         self._check_open()
         self._check_reset()
         rng = self.np_random.bit_generator.state
         return State(self.task, self._world_state, self._get_task_state(), rng, self.elapsed_steps)
 
-    def set_state(self, state):
+    def set_state(self, state: State) -> Observation:
         """Restores a state of ``get_state``.
 
         Returns:
@@ -287,7 +358,7 @@ class GoalEnv(gym.Env):
 
     # Details.
 
-    def _get_observation(self):
+    def _get_observation(self) -> Observation:
         observation = {
             "observation": np.asarray(self._observe(), dtype=np.float32),
             "achieved_goal": np.asarray(self._achieved_goal(), dtype=np.float32),
@@ -299,31 +370,31 @@ class GoalEnv(gym.Env):
             self._get_stage().update()
         return observation
 
-    def _render(self, camera, width, height, kind="rgb"):
+    def _render(self, camera: Camera, width: int, height: int, kind: str = "rgb") -> np.ndarray:
         return self._get_stage().render(camera, width, height, kind)
 
-    def _get_stage(self):
+    def _get_stage(self) -> Stage:
         if self._stage is None:
             self._stage = Stage(self.world, gui=self.render_mode == "human")
         return self._stage
 
-    def _goal_pose(self, part):
+    def _goal_pose(self, part: int) -> tuple[Sequence[float], Sequence[float]]:
         position = (0, 0, -1) if self._goal is None else self._goal[part : part + 3]  # below the floor at first
         return position, (0, 0, 0, 1)
 
-    def _forget_contacts(self):
+    def _forget_contacts(self) -> None:
         # From here on the episode depends on poses and velocities only, which is all that get_state has to keep.
         self._world_state = self.world.get_state()
         self.world.set_state(self._world_state)
 
-    def _get_info(self, observation, contact_force, workspace_clipped):
+    def _get_info(self, observation: Observation, contact_force: float, workspace_clipped: bool) -> dict[str, Any]:
         return {
             "is_success": bool(self.is_success(observation["achieved_goal"], observation["desired_goal"])),
             "contact_force": contact_force,
             "workspace_clipped": workspace_clipped,
         }
 
-    def _check_action(self, action):
+    def _check_action(self, action: np.ndarray) -> np.ndarray:
         action = np.asarray(action, dtype=np.float64)
         if action.shape != self.action_space.shape:
             raise ValueError(f"{self.task} takes actions of shape {self.action_space.shape}, got {action.shape}.")
@@ -331,7 +402,7 @@ class GoalEnv(gym.Env):
             raise ValueError(f"The action holds a number that is not finite: {action.tolist()}.")
         return np.minimum(np.maximum(action, -1.0), 1.0)  # faster than np.clip
 
-    def _check_picture(self, camera, width, height):
+    def _check_picture(self, camera: str, width: int, height: int) -> tuple[Camera, int, int]:
         if camera not in self.cameras:
             raise ValueError(f"{self.task} has the cameras {sorted(self.cameras)}, got {camera!r}.")
         for name, size in (("width", width), ("height", height)):
@@ -339,15 +410,15 @@ class GoalEnv(gym.Env):
                 raise ValueError(f"A picture needs a whole, positive {name}, got {size!r}.")
         return self.cameras[camera], width, height
 
-    def _check_open(self):
+    def _check_open(self) -> None:
         if self._closed:
             raise ClosedEnvironmentError(f"This {self.task} environment is closed; make a new one.")
 
-    def _check_reset(self):
+    def _check_reset(self) -> None:
         if self._world_state is None:
             raise ResetNeeded(f"Call reset() before the first step of this {self.task} environment.")
 
     @staticmethod
-    def _never(achieved_goal):
+    def _never(achieved_goal: np.ndarray) -> np.ndarray | bool:
         shape = np.shape(achieved_goal)[:-1]
         return np.zeros(shape, dtype=bool) if shape else False

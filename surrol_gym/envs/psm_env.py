@@ -1,12 +1,17 @@
 """Base of the tasks: arms, their action semantics and their part of the observation."""
 
 from dataclasses import dataclass
+from math import degrees
+from typing import Any, ClassVar
 
 import numpy as np
 
 from surrol_gym.envs.goal_env import GoalEnv
+from surrol_gym.envs.grasping import Grasp
 from surrol_gym.psm.arm import DOWN, JAW_CLOSED, JAW_OPEN, Arm, euler_to_matrix
-from surrol_gym.units import to_su
+from surrol_gym.psm.kinematics import JAW_LENGTH
+from surrol_gym.quantities import RPY, Quantity, euler, point
+from surrol_gym.units import to_metres, to_su
 
 STEP_SIZE = 0.05
 """Motion of a full action along one axis, su."""
@@ -14,7 +19,6 @@ STEP_SIZE = 0.05
 YAW, PITCH = 2, 1
 """Index of the Euler angle that an action turns."""
 
-_TIP_OFFSET = 0.0102  # metres; workspaces are those of the tips, actions move link 5
 _PADDING = np.array([[-0.02, 0.02], [-0.02, 0.02], [0.0, 0.08]])  # su
 
 
@@ -39,38 +43,58 @@ class Mount:
     euler: tuple[float, float, float] = tuple(DOWN)
     turns: int = YAW
     turn_step: float = np.deg2rad(30)
-    workspace: tuple = ((0.50, 0.60), (-0.05, 0.05), (0.675, 0.745))
+    workspace: tuple[tuple[float, float], ...] = ((0.50, 0.60), (-0.05, 0.05), (0.675, 0.745))
     base_position: tuple[float, float, float] = (0.05, 0.24, 0.8524)
     base_yaw: float = np.deg2rad(-110)
     look: str = "psm.urdf"
 
-    def limits(self):
-        """Returns the lowest and the highest position of link 5, each of shape (3,), su."""
-        return (to_su(np.array(self.workspace) + [[0.0], [0.0], [_TIP_OFFSET]]) + _PADDING).T
+    def limits(self) -> np.ndarray:
+        """Returns the lowest and the highest position of link 5, shape (2, 3), su: workspaces are those of the tips."""
+        return (to_su(np.array(self.workspace) + [[0.0], [0.0], [JAW_LENGTH]]) + _PADDING).T
 
-    def tool_direction(self):
+    def tool_direction(self) -> np.ndarray:
         """Returns where the jaws point, a unit vector, world frame; turning the tool does not change it."""
         return euler_to_matrix(self.euler)[:, 1]
 
 
-def psm2(**kwargs):
+def psm2(**kwargs: Any) -> Mount:
     """Returns the mount of the second arm, on the other side of the table."""
     return Mount(base_position=(0.05, -0.24, 0.8524), base_yaw=np.deg2rad(-70), look="psm2.urdf", **kwargs)
 
 
-def robot_state_names(arm):
-    """Names of the seven numbers that every observation holds of an arm."""
-    return tuple(f"{arm}_{number}" for number in ("x", "y", "z", "roll", "pitch", "yaw", "jaw"))
+def robot_state(arms: int = 1) -> tuple[Quantity, ...]:
+    """Describes the seven numbers of each arm, with which every observation begins."""
+    quantities = []
+    for arm in range(1, arms + 1):
+        of = _of(arm, arms)
+        quantities += [
+            point(f"psm{arm}", f"position of link 5{of}"),
+            euler(f"psm{arm}", f"fixed-axis x-y-z Euler angles of link 5{of}"),
+            Quantity(f"psm{arm}_jaw", f"opening angle of the jaws{of}", unit="rad"),
+        ]
+    return tuple(quantities)
 
 
-def xyz(name):
-    """Names of the three coordinates of a point."""
-    return tuple(f"{name}_{axis}" for axis in "xyz")
+def _actions(mounts: tuple[Mount, ...], has_gripper: bool) -> tuple[Quantity, ...]:
+    """Describes the five numbers of each arm in an action."""
+    step = f"{STEP_SIZE} su ({1000 * to_metres(STEP_SIZE):g} mm)"
+    jaws = f"negative closes them, 0 and above opens them to {degrees(JAW_OPEN):g} degrees"
+    quantities = []
+    for arm, mount in enumerate(mounts, 1):
+        of = _of(arm, len(mounts))
+        about = "about the vertical" if mount.turns == YAW else "about itself, its pitch within [-90, 90] degrees"
+        turn = f"{degrees(mount.turn_step):g} degrees" if mount.turn_step else "none in this task"
+        quantities += [
+            Quantity(f"psm{arm}", f"motion of link 5{of} along world x, y, z", ("dx", "dy", "dz"), step),
+            Quantity(f"psm{arm}_d{RPY[mount.turns]}", f"turn of the tool{of} {about}", unit=turn),
+            Quantity(f"psm{arm}_gripper", f"jaws{of}: {jaws if has_gripper else 'they stay closed in this task'}"),
+        ]
+    return tuple(quantities)
 
 
-def rpy(name):
-    """Names of three Euler angles."""
-    return tuple(f"{name}_{angle}" for angle in ("roll", "pitch", "yaw"))
+def _of(arm: int, arms: int) -> str:
+    """How tables say of which arm they speak."""
+    return f" of PSM{arm}" if arms > 1 else ""
 
 
 class PSMEnv(GoalEnv):
@@ -81,37 +105,42 @@ class PSMEnv(GoalEnv):
     a negative gripper closes the jaws, any other opens them to 40 degrees (facts, section 2).
     """
 
-    mounts: tuple[Mount, ...]
+    mounts: ClassVar[tuple[Mount, ...]] = ()
+    """The arms."""
     has_gripper = True
     """Whether actions move the jaws; otherwise they stay closed."""
     jaw_mass = 0.03
     """Mass of each jaw, kg (facts, section 1.3): light ones do not press themselves into light objects, while between
     heavy ones flat objects swing less."""
 
-    def __init_subclass__(cls, **kwargs):
+    def __init_subclass__(cls, **kwargs: Any):
+        cls.action_quantities = _actions(cls.mounts, cls.has_gripper)
         super().__init_subclass__(**kwargs)
-        if "mounts" in cls.__dict__:
-            cls.action_names = tuple(
-                f"psm{number}_{name}"
-                for number, mount in enumerate(cls.mounts, 1)
-                for name in ("dx", "dy", "dz", ("droll", "dpitch", "dyaw")[mount.turns], "gripper")
-            )
 
-    def _build_scene(self):
+    @classmethod
+    def _describe_actions(cls) -> str:
+        told = [super()._describe_actions(), ""]
+        for arm, mount in enumerate(cls.mounts, 1):
+            ranges = zip("xyz", *mount.limits(), strict=True)
+            within = ", ".join(f"{axis} [{low:g}, {high:g}]" for axis, low, high in ranges)
+            told.append(f"Link 5{_of(arm, len(cls.mounts))} stays within {within}.")
+        return "\n".join(told)
+
+    def _build_scene(self) -> None:
         self.arms = [
             Arm(self.world, mount.base_position, mount.base_yaw, mount.look, self.jaw_mass) for mount in self.mounts
         ]
-        self.grasps = [[] for _ in self.mounts]
+        self.grasps: list[list[Grasp]] = [[] for _ in self.mounts]
         """For each arm the grasps that its jaws may take."""
         self._limits = [mount.limits() for mount in self.mounts]
 
-    def _pose_scene(self):
+    def _pose_scene(self) -> None:
         for grasp in self._all_grasps():
             grasp.reset()
         for arm, mount in zip(self.arms, self.mounts, strict=True):
             arm.reset(mount.start_position, mount.start_euler)
 
-    def _apply_action(self, action):
+    def _apply_action(self, action: np.ndarray) -> bool:
         clipped = False
         for index, (arm, mount) in enumerate(zip(self.arms, self.mounts, strict=True)):
             dx_dy_dz, turn, gripper = action[5 * index : 5 * index + 3], action[5 * index + 3], action[5 * index + 4]
@@ -127,35 +156,35 @@ class PSMEnv(GoalEnv):
             arm.command_jaws(JAW_CLOSED if closing else JAW_OPEN)
         return clipped
 
-    def _after_sub_steps(self):
+    def _after_sub_steps(self) -> None:
         for arm in self.arms:
             arm.sense()
         for grasp in self._all_grasps():
             grasp.after_step()
 
-    def _contact_force(self):
+    def _contact_force(self) -> float:
         return sum(arm.contact_force for arm in self.arms)
 
-    def _robot_state(self):
+    def _robot_state(self) -> np.ndarray:
         """Pose of link 5 and opening angle of the jaws of each arm, shape (7 * arms,)."""
         return np.concatenate([part for arm in self.arms for part in (*arm.pose(), (arm.jaw_angle(),))])
 
-    def _robot_and_object(self, position, *waypoints):
+    def _robot_and_object(self, position: np.ndarray, *waypoints: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
         """The usual observation: the arms, an object, where it is from link 5 of each arm, poses on the object."""
         robot = self._robot_state()
         relative = [position - robot[start : start + 3] for start in range(0, len(robot), 7)]
         return np.concatenate([robot, position, *relative, *(part for waypoint in waypoints for part in waypoint)])
 
-    def _all_grasps(self):
+    def _all_grasps(self) -> list[Grasp]:
         return [grasp for grasps in self.grasps for grasp in grasps]
 
-    def _get_task_state(self):
+    def _get_task_state(self) -> dict[str, Any]:
         return super()._get_task_state() | {
             "arms": [arm.get_state() for arm in self.arms],
             "grasps": [grasp.get_state() for grasp in self._all_grasps()],
         }
 
-    def _set_task_state(self, state):
+    def _set_task_state(self, state: dict[str, Any]) -> None:
         super()._set_task_state(state)
         for arm, arm_state in zip(self.arms, state["arms"], strict=True):
             arm.set_state(arm_state)
@@ -163,7 +192,7 @@ class PSMEnv(GoalEnv):
             grasp.set_state(grasp_state)
 
 
-def _turned(mount, angle):
+def _turned(mount: Mount, angle: float) -> list[float]:
     """The orientation of a tool whose controlled Euler angle is ``angle``."""
     euler = list(mount.euler)
     euler[mount.turns] = angle if mount.turns == YAW else np.clip(angle, -np.pi / 2, np.pi / 2)

@@ -12,7 +12,7 @@ END_EFFECTOR = -1
 """Index of link 5 in the simulated body: the tool-yaw link, whose pose is observed and commanded."""
 
 JAWS = (0, 1)
-TIP_OFFSET = 0.051
+TIP_OFFSET = round(float(to_su(kinematics.JAW_LENGTH)), 4)
 """Distance from link 5 to the jaw tips along the tool, su (facts, section 1.2)."""
 
 JAW_CLOSED, JAW_OPEN = 0.0, np.deg2rad(40)
@@ -46,7 +46,7 @@ class Arm:
     def __init__(self, world, base_position, base_yaw, look="psm.urdf", jaw_mass=0.03):
         self._client = world.client
         base = base_position, pybullet.getQuaternionFromEuler((0, 0, base_yaw))
-        self._rcm = pybullet.multiplyTransforms(*base, (0, 0.4864, 0), (0, 0, 0, 1))
+        self._rcm = pybullet.multiplyTransforms(*base, (0, kinematics.RCM_OFFSET, 0), (0, 0, 0, 1))
         self._to_rcm = pybullet.invertTransform(*self._rcm)
         self._joints = np.zeros(6)
         self._touching, self.contact_force = set(), 0.0

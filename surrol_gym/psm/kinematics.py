@@ -21,6 +21,12 @@ _LIMITS = JOINT_LIMITS.tolist()
 WRIST_OFFSET = 0.0091
 """Distance from the wrist-pitch axis to the wrist-yaw axis, metres."""
 
+RCM_OFFSET = 0.4864
+"""Distance from the base to the RCM, along the base's y axis, metres."""
+
+JAW_LENGTH = 0.0102
+"""Distance from link 5 to the jaw tips along the tool, metres."""
+
 INSERTION_OFFSET = 0.0156
 """Insertion at which the wrist-pitch axis lies in the RCM, metres."""
 

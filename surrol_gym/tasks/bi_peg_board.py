@@ -3,19 +3,22 @@
 import numpy as np
 
 from surrol_gym.envs.grasping import Grasp, exclude_each_other
-from surrol_gym.envs.psm_env import PITCH, Mount, PSMEnv, robot_state_names, rpy, xyz
+from surrol_gym.envs.psm_env import PITCH, Mount, PSMEnv, robot_state
+from surrol_gym.quantities import euler, point
 from surrol_gym.stage import Camera
-from surrol_gym.tasks.ring_board import (
-    BOARD_POSITION,
-    GOAL,
-    HANGING_X,
-    HANGING_Y,
-    HANGING_Z,
-    POINT_1,
-    POINT_2,
-    PSM1_ROLL,
-    Scene,
-)
+
+# The board (facts, section 4.7): six hanging pegs in each of two rows along x, two upright ones.
+BOARD_POSITION = (2.75, 0.0, 3.4305)
+HANGING_X, HANGING_TIP_X = 2.3985, 2.4566
+HANGING_Y, HANGING_Z = np.array([-0.3237, -0.1943, -0.0648, 0.0648, 0.1943, 0.3237]), np.array([3.8005, 3.6155])
+UPRIGHT_X, UPRIGHT_Y, UPRIGHT_TOP = 2.75, np.array([-0.185, 0.185]), 3.5626
+GOAL = np.array([UPRIGHT_X, UPRIGHT_Y[1], 3.4545])
+
+RING_RADIUS, HOLE_RADIUS = 0.0417, 0.0358
+POINT_1, POINT_2 = np.array([0.0, 0.074, 0.0]), np.array([0.0, -0.0231, 0.0786])
+"""Where the arms take a hanging ring: link 5 of PSM1 and of PSM2, in the ring's frame, whose x axis is the ring's."""
+
+PSM1_ROLL = np.deg2rad(-15)
 
 ATTACH_HEIGHT = 0.05
 """Height above the goal over which a grasp attaches the ring, su (facts, section 2.1)."""
@@ -32,42 +35,13 @@ class BiPegBoardEnv(PSMEnv):
 
     ## Action Space
 
-    `Box(-1, 1, (10,), float32)`. One step is 0.2 s.
-
-    | Index | Action | Effect of 1 |
-    | --- | --- | --- |
-    | 0, 1, 2 | motion of PSM1's link 5 along world x, y, z | 0.05 su (10 mm) |
-    | 3 | change of PSM1's pitch, which stays within [-90, 90] degrees | 15 degrees |
-    | 4 | PSM1's jaws: negative closes them, 0 and above opens them to 40 degrees | |
-    | 5, 6, 7 | motion of PSM2's link 5 along world x, y, z | 0.05 su (10 mm) |
-    | 8 | turn of PSM2's tool about the vertical | 30 degrees |
-    | 9 | PSM2's jaws, as PSM1's | |
-
-    Link 5 of PSM1 stays within x [2.33, 3.32], y [-0.02, 0.52], z [3.081, 4.056], that of PSM2 within the same x and z
-    and y [-0.77, 0.02].
+    {actions}
 
     ## Observation Space
 
-    A dictionary of float32 arrays in scaled units (1 su = 0.2 m) and radians, world frame.
-
-    | `observation` | Content |
-    | --- | --- |
-    | 0, 1, 2 | position of PSM1's link 5 (x, y, z), su |
-    | 3, 4, 5 | fixed-axis x-y-z Euler angles of PSM1's link 5, radians |
-    | 6 | opening angle of PSM1's jaws, radians |
-    | 7, 8, 9 | position of PSM2's link 5 (x, y, z), su |
-    | 10, 11, 12 | fixed-axis x-y-z Euler angles of PSM2's link 5, radians |
-    | 13 | opening angle of PSM2's jaws, radians |
-    | 14, 15, 16 | centre of the red ring (x, y, z), su |
-    | 17, 18, 19 | the same relative to PSM1's link 5, su |
-    | 20, 21, 22 | the same relative to PSM2's link 5, su |
-    | 23, 24, 25 | point 1, where PSM1's link 5 is when it takes a hanging ring (x, y, z), su; fixed to the ring |
-    | 26, 27, 28 | its fixed-axis x-y-z Euler angles, radians |
-    | 29, 30, 31 | point 2, the same for PSM2 (x, y, z), su |
-    | 32, 33, 34 | its fixed-axis x-y-z Euler angles, radians |
+    {observation}
 
     The ring's axis is the x axis of both points' frames, so a ring that lies flat is in gimbal lock.
-    `achieved_goal` (3): centre of the red ring. `desired_goal` (3): where it is when it lies around the peg.
 
     ## Rewards
 
@@ -95,25 +69,23 @@ class BiPegBoardEnv(PSMEnv):
     * v0: first version; facts, sections 1.7, 2, 3 and 4.7.
     """
 
-    task = "BiPegBoard"
     task_description = "Take the red ring off its peg, hand it over and put it over the upright peg on the right."
     cameras = {
         "closeup": Camera(eye=(3.75, 0.15, 4.3), target=(2.55, 0.0, 3.7), field_of_view=45.0),
         "both_arms": Camera(eye=(4.6, 0.0, 4.8), target=(2.3, 0.0, 3.95), field_of_view=42.0),
         "overview": Camera(eye=(7.588, 0.0, 6.4), target=(-0.25, 0.0, 1.875)),
     }
-    observation_names = (
-        *robot_state_names("psm1"),
-        *robot_state_names("psm2"),
-        *xyz("ring"),
-        *xyz("ring_rel_psm1"),
-        *xyz("ring_rel_psm2"),
-        *xyz("point1"),
-        *rpy("point1"),
-        *xyz("point2"),
-        *rpy("point2"),
+    observation_quantities = (
+        *robot_state(arms=2),
+        point("ring", "centre of the red ring"),
+        point("ring_rel_psm1", "the same relative to link 5 of PSM1"),
+        point("ring_rel_psm2", "the same relative to link 5 of PSM2"),
+        point("point1", "point 1, where link 5 of PSM1 is when it takes a hanging ring; fixed to the ring"),
+        euler("point1", "its fixed-axis x-y-z Euler angles"),
+        point("point2", "point 2, the same for PSM2"),
+        euler("point2", "its fixed-axis x-y-z Euler angles"),
     )
-    goal_names = xyz("goal_ring")
+    goal_quantities = (point("ring", "centre of the red ring", "where it is when it lies around the peg"),)
     mounts = (
         Mount(
             start_position=(2.365, 0.25, 3.976),
@@ -135,7 +107,7 @@ class BiPegBoardEnv(PSMEnv):
         ),
     )
 
-    def _build_scene(self):
+    def _build_scene(self) -> None:
         super()._build_scene()
         self._ring = self.world.load("ring_red.urdf", fixed=False)
         self._others = [self.world.load("ring.urdf", fixed=False) for _ in range(2)]
@@ -144,40 +116,22 @@ class BiPegBoardEnv(PSMEnv):
             grasps.append(Grasp(self.world, arm, self._ring, self._is_high, max_force=30.0, needs_both_jaws=True))
         exclude_each_other(self._all_grasps())
 
-    def _pose_scene(self):
+    def _pose_scene(self) -> None:
         super()._pose_scene()
         pegs = self.np_random.permutation(HANGING_Y[:3])
         for ring, y in zip((self._ring, *self._others), pegs, strict=True):
             self.world.place(ring, (HANGING_X, y, HANGING_Z[0]))
 
-    def _sample_goal(self):
+    def _sample_goal(self) -> np.ndarray:
         return GOAL
 
-    def _is_high(self):
+    def _is_high(self) -> bool:
         return self.world.pose(self._ring)[0][2] > GOAL[2] + ATTACH_HEIGHT
 
-    def _observe(self):
+    def _observe(self) -> np.ndarray:
         return self._robot_and_object(
             self._achieved_goal(), self.world.frame(self._ring, POINT_1), self.world.frame(self._ring, POINT_2)
         )
 
-    def _achieved_goal(self):
+    def _achieved_goal(self) -> np.ndarray:
         return self.world.pose(self._ring)[0]
-
-    @staticmethod
-    def expert_target(observation):
-        """PSM2 fetches the ring, PSM1 takes it over and puts it over the peg; each phase is recognised from the state.
-
-        A ring that was dropped lies flat on the plate. PSM2 picks it up where it can; elsewhere PSM1 puts its closed
-        jaws into the hole and draws the ring to where PSM2 can.
-        """
-        scene = Scene(observation["observation"].astype(np.float64))
-        if scene.held1:
-            return scene.put_down(), scene.let_go()
-        if scene.held2:
-            return scene.take_over(), scene.bring()
-        if scene.is_around_peg():
-            return scene.back_off(), scene.step_aside()
-        if scene.is_for_psm2():
-            return scene.wait(), scene.fetch()
-        return scene.draw_nearer() if scene.flat or scene.leans() else scene.take(), scene.step_aside()

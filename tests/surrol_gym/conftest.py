@@ -8,6 +8,9 @@ import pytest
 
 import surrol_gym
 
+CONTRACT = (*surrol_gym.TASKS, "new_task:PushBlock")
+"""The tasks that keep the contract: the ten, and the one of ``examples/new_task.py``."""
+
 
 @dataclass
 class Demonstration:
@@ -47,7 +50,7 @@ def demonstrations():
 
     @cache
     def demonstrations(task):
-        env = gym.make(f"surrol/{task}-v0")
+        env = gym.make(surrol_gym.find_task(task))
         expert = surrol_gym.make_expert(env)
         played = []
         for seed in range(10):
@@ -71,7 +74,7 @@ def make():
     made = []
 
     def make(task, **kwargs):
-        made.append(gym.make(f"surrol/{task}-v0", **kwargs))
+        made.append(gym.make(surrol_gym.find_task(task), **kwargs))
         return made[-1]
 
     yield make
@@ -79,9 +82,9 @@ def make():
         env.close()
 
 
-@pytest.fixture(scope="session", params=surrol_gym.TASKS)
+@pytest.fixture(scope="session", params=CONTRACT)
 def env(request):
     """An environment of each task; tests share it, so each starts with a seeded reset."""
-    env = gym.make(f"surrol/{request.param}-v0")
+    env = gym.make(surrol_gym.find_task(request.param))
     yield env
     env.close()

@@ -60,6 +60,7 @@ def test_experts_succeed_in_every_episode_and_still_do_at_its_end(episodes):
     assert all(any(episode.successes) and episode.successes[-1] for episode in episodes)
 
 
+@pytest.mark.parametrize("env", surrol_gym.TASKS, indirect=True)
 def test_experts_are_as_fast_as_the_originals(env, episodes):
     task = env.unwrapped.task
     mean = np.mean([episode.first for episode in episodes])

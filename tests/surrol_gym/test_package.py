@@ -24,15 +24,17 @@ def test_tasks_are_names_of_the_papers_tables_in_their_order():
 
 def test_the_registered_ids_are_those_of_the_tasks():
     ids = {name for name in gym.registry if name.startswith("surrol/")}
-    assert ids == {f"surrol/{task}-v0" for task in surrol_gym.TASKS}
+    assert ids >= {f"surrol/{task}-v0" for task in surrol_gym.TASKS}
+    assert ids == {surrol_gym.find_task(task) for task in surrol_gym.registered_tasks()}
 
 
 def test_an_environment_knows_the_name_of_its_task(make):
     assert [make(task).unwrapped.task for task in surrol_gym.TASKS] == list(surrol_gym.TASKS)
 
 
-def test_the_public_names_are_tasks_and_make_expert():
-    assert set(surrol_gym.__all__) == {"TASKS", "make_expert"}
+def test_the_public_names_are_few():
+    assert set(surrol_gym.__all__) == {"TASKS", "find_task", "make_expert", "register_task", "registered_tasks"}
+    assert all(hasattr(surrol_gym, name) for name in surrol_gym.__all__)
 
 
 def test_the_simulator_loads_neither_torch_nor_lerobot():

@@ -1,15 +1,14 @@
 """The cards: the committed ones are up to date, and what a card says of a dataset is what the dataset holds."""
 
+import dataclasses
 import json
 import re
 import runpy
 from pathlib import Path
 
-import gymnasium as gym
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from gymnasium.envs.registration import load_env_creator
 from huggingface_hub import DatasetCard
 
 import surrol_gym
@@ -17,11 +16,11 @@ from lerobot_gcdt.data.task_layouts import task_layouts
 from lerobot_gcdt.hub.card_tables import number_tables
 from lerobot_gcdt.hub.cards import card, dataset_card
 from lerobot_gcdt.hub.checks import check_card
-from lerobot_gcdt.hub.docstrings import described_numbers, sections
 from lerobot_gcdt.recording import record
 from lerobot_gcdt.recording.facts import card_facts
 from lerobot_gcdt.recording.features import Extras
 from lerobot_gcdt.recording.manifest import write_manifest
+from surrol_gym.registry import env_class as env_class_of
 
 ROOT = Path(__file__).parents[3]
 SCRIPT = runpy.run_path(str(ROOT / "examples/write_cards.py"))
@@ -31,7 +30,7 @@ PUBLISHED = SCRIPT["cards"]()
 @pytest.fixture(params=surrol_gym.TASKS)
 def env_class(request):
     """Each task."""
-    return load_env_creator(gym.spec(f"surrol/{request.param}-v0").entry_point)
+    return env_class_of(request.param)
 
 
 @pytest.fixture(scope="module")
@@ -89,25 +88,29 @@ def test_the_front_matter_says_what_the_hub_asks_for(name):
 # What the docstrings say.
 
 
-@pytest.mark.parametrize(
-    ("section", "names"), [("Observation Space", "observation_names"), ("Action Space", "action_names")]
-)
-def test_a_docstring_describes_every_number_once(env_class, section, names):
-    assert list(described_numbers(sections(env_class)[section])) == list(range(len(getattr(env_class, names))))
+def test_a_card_names_every_number_of_a_task_with_its_unit(env_class):
+    text = number_tables(env_class, {}, "###")
+    states = rows(text, "### `observation.state`")
+    assert [row[1] for row in states] == [f"`{name}`" for name in env_class.observation_names]
+    units = [unit for quantity in env_class.observation_quantities for unit in [quantity.unit] * len(quantity.names)]
+    assert [row[3] for row in states] == units
+    effects = [row[3] for row in rows(text, "### `action` and `disturbance`")]
+    assert effects[:3] == ["0.05 su (10 mm)"] * 3
 
 
-def test_the_unit_of_a_number_is_the_one_of_its_docstring(env_class):
-    told = described_numbers(sections(env_class)["Observation Space"])
-    for index, _, _, unit in rows(number_tables(env_class, {}, "###"), "### `observation.state`"):
-        said = re.search(r", (su|radians)(;|$)", told[int(index)][0])
-        assert not said or unit == {"su": "su", "radians": "rad"}[said[1]]
+def test_what_a_task_says_of_its_numbers_is_in_the_card(needle_reach_root, monkeypatch):
+    before = dataset_card(needle_reach_root)
+    first, *others = env_class_of("NeedleReach").observation_quantities
+    changed = (dataclasses.replace(first, meaning="somewhere"), *others)
+    monkeypatch.setattr(env_class_of("NeedleReach"), "observation_quantities", changed)
+    assert dataset_card(needle_reach_root) == before.replace("position of link 5", "somewhere") != before
 
 
 def test_a_changed_docstring_changes_the_card(needle_reach_root, monkeypatch):
     before = dataset_card(needle_reach_root)
-    env_class = load_env_creator(gym.spec("surrol/NeedleReach-v0").entry_point)
-    monkeypatch.setattr(env_class, "__doc__", env_class.__doc__.replace("position of link 5", "somewhere"))
-    assert dataset_card(needle_reach_root) == before.replace("position of link 5", "somewhere") != before
+    env_class = env_class_of("NeedleReach")
+    monkeypatch.setattr(env_class, "__doc__", env_class.__doc__.replace("padded tray", "cushion"))
+    assert dataset_card(needle_reach_root) == before.replace("padded tray", "cushion") != before
 
 
 # What a card says of a dataset.

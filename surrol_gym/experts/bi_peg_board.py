@@ -1,26 +1,27 @@
-"""The board with hanging and upright pegs, and how to bring a ring from one to another (facts, section 4.7)."""
+"""BiPegBoard: PSM2 fetches the ring, PSM1 takes it over and puts it over the peg."""
 
 from math import cos, hypot, sin, sumprod
+from typing import Any
 
 import numpy as np
 
+from surrol_gym.envs.goal_env import Reading
 from surrol_gym.experts import CLOSE, OPEN, Target, heading
 from surrol_gym.psm.arm import TIP_OFFSET
-
-# The board (facts, section 4.7): six hanging pegs in each of two rows along x, two upright ones.
-BOARD_POSITION = (2.75, 0.0, 3.4305)
-HANGING_X, HANGING_TIP_X = 2.3985, 2.4566
-HANGING_Y, HANGING_Z = np.array([-0.3237, -0.1943, -0.0648, 0.0648, 0.1943, 0.3237]), np.array([3.8005, 3.6155])
-UPRIGHT_X, UPRIGHT_Y, UPRIGHT_TOP = 2.75, np.array([-0.185, 0.185]), 3.5626
-GOAL = np.array([UPRIGHT_X, UPRIGHT_Y[1], 3.4545])
-
-RING_RADIUS, HOLE_RADIUS = 0.0417, 0.0358
-POINT_1, POINT_2 = np.array([0.0, 0.074, 0.0]), np.array([0.0, -0.0231, 0.0786])
-"""Where the arms take a hanging ring: link 5 of PSM1 and of PSM2, in the ring's frame, whose x axis is the ring's."""
-
-PSM1_ROLL = np.deg2rad(-15)
-
-# What the expert does with a ring.
+from surrol_gym.tasks.bi_peg_board import (
+    GOAL,
+    HANGING_TIP_X,
+    HANGING_Y,
+    HANGING_Z,
+    HOLE_RADIUS,
+    POINT_1,
+    POINT_2,
+    PSM1_ROLL,
+    RING_RADIUS,
+    UPRIGHT_TOP,
+    UPRIGHT_X,
+    UPRIGHT_Y,
+)
 
 HANDOVER = np.array([2.56, -0.01, 3.78])
 """Where the ring's centre is when it changes hands, su."""
@@ -52,7 +53,25 @@ _X, _Y, _Z = np.eye(3)
 _STILL = np.zeros(3)
 
 
-def _psm1_tool(pitch):
+def law(seen: Reading) -> tuple[Target, Target]:
+    """Recognises each phase from the state.
+
+    A ring that was dropped lies flat on the plate. PSM2 picks it up where it can; elsewhere PSM1 puts its closed jaws
+    into the hole and draws the ring to where PSM2 can.
+    """
+    scene = Scene(seen)
+    if scene.held1:
+        return scene.put_down(), scene.let_go()
+    if scene.held2:
+        return scene.take_over(), scene.bring()
+    if scene.is_around_peg():
+        return scene.back_off(), scene.step_aside()
+    if scene.is_for_psm2():
+        return scene.wait(), scene.fetch()
+    return scene.draw_nearer() if scene.flat or scene.leans() else scene.take(), scene.step_aside()
+
+
+def _psm1_tool(pitch: float) -> np.ndarray:
     """Direction of PSM1's jaws at a pitch."""
     s, c = sin(PSM1_ROLL), cos(PSM1_ROLL)
     return np.array([-s * sin(pitch), -c, s * cos(pitch)])
@@ -61,11 +80,13 @@ def _psm1_tool(pitch):
 WAIT_1 = HANDOVER + (RING_RADIUS + 0.05) * _Y - GRIP_1 * _psm1_tool(0.0)
 
 
-def _move(offset, turn=0.0, jaw=CLOSE, **kwargs):
+def _move(offset: np.ndarray, turn: float = 0.0, jaw: float = CLOSE, **kwargs: Any) -> Target:
     return Target(offset, turn, jaw, **({"gain": GAIN} | kwargs))
 
 
-def _grasp(to_grasp, away, turn, hover, aligned=0.003, **kwargs):
+def _grasp(
+    to_grasp: np.ndarray, away: np.ndarray, turn: float, hover: float, aligned: float = 0.003, **kwargs: Any
+) -> Target:
     """As ``surrol_gym.experts.grasp``, approaching against any direction and never from beside the object.
 
     Args:
@@ -86,7 +107,7 @@ def _grasp(to_grasp, away, turn, hover, aligned=0.003, **kwargs):
     return _move(across + (clearance - height) * away, turn, OPEN, **kwargs)
 
 
-def _half_turn(angle, low):
+def _half_turn(angle: float, low: float) -> float:
     """The equivalent of an angle for something that looks the same after half a turn, in [low, low + pi)."""
     return (angle - low) % np.pi + low
 
@@ -94,28 +115,29 @@ def _half_turn(angle, low):
 class Scene:
     """What the expert sees, and what either arm should do about it."""
 
-    def __init__(self, state):
-        self.position1, self.pitch = state[:3], state[4]
-        self.position2, self.yaw = state[7:10], state[12]
-        self.centre = state[14:17]
+    def __init__(self, seen: Reading):
+        seen = Reading(**{name: np.float64(value) for name, value in vars(seen).items()})
+        self.position1, self.pitch = seen.psm1, seen.psm1_pitch
+        self.position2, self.yaw = seen.psm2, seen.psm2_yaw
+        self.centre = seen.ring
         # From the two points, because Euler angles of a flat ring say little.
-        y = (state[23:26] - self.centre) / POINT_1[1]
-        z = (state[29:32] - self.centre - POINT_2[1] * y) / POINT_2[2]
+        y = (seen.point1 - self.centre) / POINT_1[1]
+        z = (seen.point2 - self.centre - POINT_2[1] * y) / POINT_2[2]
         self.axis = np.cross(y, z)
         self.flat = abs(self.axis[2]) > FLAT
         tool1 = _psm1_tool(self.pitch)
         self.grip1, self.tip1 = self.position1 + GRIP_1 * tool1, self.position1 + TIP_OFFSET * tool1
-        self.held1 = self._is_held(self.grip1, state[6])
-        self.held2 = self._is_held(self.position2 - GRIP_2 * _Z, state[13])
+        self.held1 = self._is_held(self.grip1, seen.psm1_jaw)
+        self.held2 = self._is_held(self.position2 - GRIP_2 * _Z, seen.psm2_jaw)
 
-    def _is_held(self, grip, jaw):
+    def _is_held(self, grip: np.ndarray, jaw: float) -> bool:
         """Whether jaws of that opening angle hold the ring's tube."""
         offset = grip - self.centre
         along = sumprod(offset, self.axis)
         distance = hypot(hypot(*(offset - along * self.axis)) - RING_RADIUS, along)
         return distance < 0.015 and HELD_JAW[0] < jaw < HELD_JAW[1]
 
-    def is_around_peg(self):
+    def is_around_peg(self) -> bool:
         """Whether the goal's peg goes through the ring."""
         dx, dy = self.centre[:2] - GOAL[:2]
         ax, ay, az = self.axis
@@ -124,21 +146,21 @@ class Scene:
         rise = (dx * ax + dy * ay) / az  # from the centre to where the peg's axis meets the ring's plane
         return hypot(dx, dy, rise) < HOLE_RADIUS and self.centre[2] + rise < UPRIGHT_TOP
 
-    def is_for_psm2(self):
+    def is_for_psm2(self) -> bool:
         """Whether PSM2 has to fetch a ring that nobody holds."""
         return self.centre[1] < (DRAWN_Y if self.flat and self.tip1_in_hole() else REACHABLE_Y)
 
-    def tip1_in_hole(self):
+    def tip1_in_hole(self) -> bool:
         """Whether the tips of PSM1 are in a flat ring's hole, as far as they may go when they draw it."""
         x, y, z = self.tip1 - self.centre
         return hypot(x, y) < 0.046 and z < 0.0095
 
-    def leans(self):
+    def leans(self) -> bool:
         """Whether the ring leans towards or away from PSM1, whose jaws cannot lay it flat then."""
         _, ay, az = np.abs(self.axis)
         return ay > 0.4 and az > 0.5 and self.centre[2] < 3.52
 
-    def _way(self, target):
+    def _way(self, target: np.ndarray) -> np.ndarray:
         """From the ring's centre towards a target: off a hanging peg and clear of the upright ones first."""
         x, y, z = self.centre
         offset = target - self.centre
@@ -153,7 +175,7 @@ class Scene:
 
     # What PSM2 does.
 
-    def fetch(self):
+    def fetch(self) -> Target:
         """Grasps the ring from above: a flat one at the side, a hanging one beside its peg."""
         if self.flat:
             # At +x, or at -x where an upright peg is in the way.
@@ -179,18 +201,18 @@ class Scene:
         yaw = _half_turn(heading(self.axis[1], self.axis[0]), -np.pi / 2)
         return _grasp(rim + GRIP_2 * _Z - self.position2, _Z, yaw - self.yaw, hover=0.25 if below_pegs else 0.03)
 
-    def bring(self):
+    def bring(self) -> Target:
         """Carries the ring to where it is handed over, and turns its axis into the x-z plane."""
         turn = -_half_turn(heading(self.axis[1], self.axis[0]), -np.pi / 2)
         turn *= np.clip((FLAT - abs(self.axis[2])) / 0.3, 0.0, 1.0)  # the flatter the ring, the less its direction says
         # Slowly while friction alone holds the ring.
         return _move(self._way(HANDOVER), turn, CLOSE, speed=0.25 if self.centre[2] < 3.52 else 1.0)
 
-    def let_go(self):
+    def let_go(self) -> Target:
         """Opens the jaws, then leaves the ring to PSM1."""
         return _move(_STILL, jaw=OPEN) if self.held2 else self.step_aside()
 
-    def step_aside(self):
+    def step_aside(self) -> Target:
         """Goes up and out of PSM1's way."""
         offset = REST_2 - self.position2
         offset[:2] *= np.clip((self.position2[2] - 3.87) / 0.03, 0.0, 1.0)
@@ -198,20 +220,20 @@ class Scene:
 
     # What PSM1 does.
 
-    def wait(self):
+    def wait(self) -> Target:
         """Goes to where it waits for the ring, out of a ring's hole first."""
         offset = WAIT_1 - self.position1
         offset[:2] *= np.clip((self.position1[2] - 3.56) / 0.05, 0.0, 1.0)
         return _move(offset, -2 * self.pitch, CLOSE if self.position1[2] < 3.58 else OPEN, turn_speed=1.0)
 
-    def take_over(self):
+    def take_over(self) -> Target:
         """Waits for PSM2 to bring the ring, then takes it."""
         if hypot(*(self.centre - HANDOVER)) > 0.06:
             turn = self._grasping_pitch() - self.pitch
             return _move(WAIT_1 - self.position1, 2 * turn, OPEN, turn_speed=1.0)
         return self.take()
 
-    def take(self):
+    def take(self) -> Target:
         """Grasps the ring at its +y side, from there."""
         if self._is_through_ring():
             return _move(-0.06 * _psm1_tool(self.pitch), speed=0.6)
@@ -221,7 +243,7 @@ class Scene:
         to_grasp = rim - GRIP_1 * _psm1_tool(pitch) - self.position1
         return _grasp(to_grasp, _Y, 2 * (pitch - self.pitch), hover=0.05, turn_speed=1.0)
 
-    def _is_through_ring(self):
+    def _is_through_ring(self) -> bool:
         """Whether PSM1's gripper is through the ring, which it would take along."""
         back = -_psm1_tool(self.pitch)
         across = sumprod(back, self.axis)
@@ -230,12 +252,12 @@ class Scene:
         depth = sumprod(self.centre - self.tip1, self.axis) / across
         return 0.0 < depth < 0.1 and hypot(*(self.tip1 + depth * back - self.centre)) < HOLE_RADIUS
 
-    def _grasping_pitch(self):
+    def _grasping_pitch(self) -> float:
         """Pitch at which the jaws close along the ring's axis."""
         pitch = _half_turn(heading(self.axis[2], self.axis[0]), -np.pi / 3)
         return np.clip(pitch, -PITCH_LIMIT, PITCH_LIMIT)
 
-    def put_down(self):
+    def put_down(self) -> Target:
         """Lays the ring flat on the way to the peg, lowers it around the peg and lets go."""
         if self.held2 or self._is_beside_psm2():
             return _move(_STILL)
@@ -254,18 +276,18 @@ class Scene:
             offset[2] = height - self.centre[2]
         return _move(offset, 2 * turn, CLOSE, turn_speed=1.0)
 
-    def _is_beside_psm2(self):
+    def _is_beside_psm2(self) -> bool:
         """Whether PSM2 has not left yet; until then PSM1's grasp may be by friction alone."""
         x, y, z = self.position2 - TIP_OFFSET * _Z - self.grip1
         return hypot(x, y) < 0.1 and z < 0.04
 
-    def back_off(self):
+    def back_off(self) -> Target:
         """Opens the jaws and draws them off the ring, then stays beside it."""
         offset = np.array([2.73, 0.36, 3.53]) - self.position1
         offset[[0, 2]] *= np.clip((self.position1[1] - 0.30) / 0.03, 0.0, 1.0)
         return _move(offset, jaw=OPEN)
 
-    def draw_nearer(self):
+    def draw_nearer(self) -> Target:
         """Puts the closed jaws into a flat ring's hole and draws it towards PSM2, around the goal's peg."""
         x, y, z = self.centre
         beside = x - GOAL[0]

@@ -1,16 +1,21 @@
 """Scripted experts: feedback laws from an observation to an action.
 
-A task says where its arms should be next, from nothing but the observation (``expert_target``); the expert turns that
-into an action. Because no waypoint counter exists, it can start from any state, corrects until the residual is gone
-and returns to an earlier phase when a grasp fails.
+A task's law says where its arms should be next, from nothing but the observation, which it reads by names; ``Expert``
+turns that into an action. Because no waypoint counter exists, it can start from any state, corrects until the residual
+is gone and returns to an earlier phase when a grasp fails.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import atan2, exp
+from typing import Any
 
+import gymnasium as gym
 import numpy as np
 
-from surrol_gym.envs.psm_env import STEP_SIZE
+from surrol_gym.envs.goal_env import Observation, Reading
+from surrol_gym.envs.psm_env import STEP_SIZE, PSMEnv
+from surrol_gym.registry import find_law
 
 OPEN, CLOSE = 0.5, -0.5
 """Gripper actions."""
@@ -25,7 +30,7 @@ large enough to be learned; covering that much from afar would make the arm jerk
 
 @dataclass(frozen=True)
 class Target:
-    """Where a task's plan wants an arm.
+    """Where a law wants an arm.
 
     Attributes:
         offset: From link 5 to where it should be, shape (3,), su.
@@ -44,7 +49,13 @@ class Target:
     turn_speed: float = 0.4
 
 
-def grasp(to_grasp, turn=0.0, hover=0.025, aligned=0.001, **kwargs):
+Law = Callable[[Reading], Target | tuple[Target, ...]]
+"""What a task's expert does: from what is seen to the target of each arm."""
+
+
+def grasp(
+    to_grasp: np.ndarray, turn: float = 0.0, hover: float = 0.025, aligned: float = 0.001, **kwargs: Any
+) -> Target:
     """Approaches an object from above with open jaws, and closes them on it.
 
     The tool sinks only as far as it is aligned, so a disturbed descent corrects itself on the way.
@@ -66,7 +77,7 @@ def grasp(to_grasp, turn=0.0, hover=0.025, aligned=0.001, **kwargs):
     return Target(to_grasp + (0.0, 0.0, clearance), turn, OPEN, **kwargs)
 
 
-def nearest_yaw(yaw, period=2 * np.pi, middle=np.pi / 4):
+def nearest_yaw(yaw: float, period: float = 2 * np.pi, middle: float = np.pi / 4) -> float:
     """Finds the yaw, of all that differ by the period, that is nearest to a middle one.
 
     Args:
@@ -77,37 +88,38 @@ def nearest_yaw(yaw, period=2 * np.pi, middle=np.pi / 4):
     return (yaw - middle + period / 2) % period - period / 2 + middle
 
 
-def heading(y, x):
+def heading(y: float, x: float) -> np.float64:
     """Returns the angle of the direction (x, y), radians, to the same last digit on every processor."""
     return np.float64(atan2(y, x))
 
 
 class Expert:
-    """Executes the plan of one task.
+    """Executes the law of one task.
 
     Args:
-        env: The environment, wrapped or not; only its constants are read.
+        env_class: The environment, which knows the names of an observation's numbers.
+        law: See ``surrol_gym.register_task``.
     """
 
-    def __init__(self, env):
-        self._env = env.unwrapped
+    def __init__(self, env_class: type[PSMEnv], law: Law):
+        self._read, self._law = env_class.read, law
 
-    def act(self, observation):
+    def act(self, observation: Observation) -> np.ndarray:
         """Returns the action for an observation of the environment, shape (5,) or (10,), float32, in [-1, 1]."""
-        targets = self._env.expert_target(observation)
+        targets = self._law(self._read(observation))
         if isinstance(targets, Target):
             targets = (targets,)
         return np.concatenate([_action(target) for target in targets], dtype=np.float32)
 
 
-def _action(target):
+def _action(target: Target) -> tuple[float, ...]:
     distance = np.abs(target.offset).max()
     gain = target.gain + (NEAR_GAIN - target.gain) * exp(-distance / NEAR)
     motion = target.offset * min(gain / STEP_SIZE, target.speed / max(distance, 1e-12))
     return *motion, np.clip(target.turn, -target.turn_speed, target.turn_speed), target.jaw
 
 
-def make_expert(env):
+def make_expert(env: gym.Env) -> Expert:
     """Makes the scripted expert of an environment.
 
     Args:
@@ -117,8 +129,10 @@ def make_expert(env):
         An object whose ``act(observation)`` returns an action. It keeps no state between calls.
 
     Raises:
-        TypeError: The environment is not one of ``surrol_gym``.
+        TypeError: The environment is none of a registered task, or that has no expert.
     """
-    if not hasattr(env.unwrapped, "expert_target"):
-        raise TypeError(f"{env} has no scripted expert; make one of the surrol/ environments.")
-    return Expert(env)
+    env_class = type(env.unwrapped)
+    law = find_law(env_class)
+    if law is None:
+        raise TypeError(f"{env} has no scripted expert; make an environment that was registered with one.")
+    return Expert(env_class, law)

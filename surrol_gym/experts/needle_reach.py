@@ -1,0 +1,9 @@
+"""NeedleReach: straight to the goal, about as fast as the original script (facts, section 5.1)."""
+
+from surrol_gym.envs.goal_env import Reading
+from surrol_gym.experts import Target
+
+
+def law(seen: Reading) -> Target:
+    """Moves the tip to the goal."""
+    return Target(seen.goal_tip - seen.tip, gain=0.5, speed=0.3)
