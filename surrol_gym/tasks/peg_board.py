@@ -5,7 +5,6 @@ from math import hypot
 import numpy as np
 import pybullet
 
-from surrol_gym.assets.pegs import PEGS
 from surrol_gym.experts import CLOSE, OPEN, Target, heading
 from surrol_gym.psm.arm import TIP_OFFSET, euler_to_matrix
 from surrol_gym.units import to_su
@@ -16,6 +15,12 @@ PEG_FRAME = 0.11
 REST = 0.0175
 """How far below the frame of its peg the centre of a block rests, su."""
 
+# Relative to the centre of the board, metres: six targets, then six sources (facts, section 4.0).
+PEGS = (
+    *((-0.030, 0.043), (-0.010, 0.043), (0.010, 0.043), (-0.030, 0.013), (-0.010, 0.013), (0.010, 0.013)),
+    *((-0.033, -0.027), (0.013, -0.027), (-0.0215, -0.007081), (0.0015, -0.007081)),
+    *((-0.0215, -0.046919), (0.0015, -0.046919)),
+)
 PEGS_XY = to_su(np.array(PEGS)) + (2.75, 0.0)
 TARGETS, SOURCES = np.arange(6), np.arange(6, 12)
 """Indices into ``PEGS_XY``."""

@@ -8,21 +8,15 @@ from pathlib import Path
 
 import numpy as np
 
-from surrol_gym.assets import meshes
-from surrol_gym.assets.urdf import BLACK, QUARTER, SKIN, collision, link, node, obj, obj_hulls, visual, write_urdf
+from surrol_gym.tasks.peg_board import PEGS
+from tools.assets import meshes
+from tools.assets.urdf import BLACK, QUARTER, SKIN, collision, link, node, obj, obj_hulls, visual, write_urdf
 
 BLUE = (0.05, 0.4, 0.82)
 RED = (0.86, 0.17, 0.14)
 GAUZE_WHITE = (0.96, 0.96, 0.95)
 
 MARGIN = 0.0002
-
-# Pegs of the transfer boards, relative to the board centre: six targets, then six sources (facts 4.0).
-PEGS = (
-    *((-0.030, 0.043), (-0.010, 0.043), (0.010, 0.043), (-0.030, 0.013), (-0.010, 0.013), (0.010, 0.013)),
-    *((-0.033, -0.027), (0.013, -0.027), (-0.0215, -0.007081), (0.0015, -0.007081)),
-    *((-0.0215, -0.046919), (0.0015, -0.046919)),
-)
 
 
 def write_gauze(folder: Path) -> None:

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from surrol_gym.assets import glyphs, meshes
-from surrol_gym.assets.glyphs import BLUE, GREEN, RED, SU
-from surrol_gym.assets.urdf import BLACK, DARK, collision, link, node, obj, visual, write_urdf
+from tools.assets import glyphs, meshes
+from tools.assets.glyphs import BLUE, GREEN, RED, SU
+from tools.assets.urdf import BLACK, DARK, collision, link, node, obj, visual, write_urdf
 
 WOOD = (0.86, 0.76, 0.58)
 WOOD_INSET = (0.95, 0.89, 0.76)

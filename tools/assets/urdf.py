@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from surrol_gym.assets import meshes
+from tools.assets import meshes
 
 QUARTER = np.pi / 2
 

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from surrol_gym.assets import meshes
-from surrol_gym.assets.urdf import collision, link, obj, obj_hulls, visual, write_urdf
 from surrol_gym.units import SCALING
+from tools.assets import meshes
+from tools.assets.urdf import collision, link, obj, obj_hulls, visual, write_urdf
 
 SU = 1 / SCALING
 
