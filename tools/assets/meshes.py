@@ -141,7 +141,7 @@ def write_obj(path: Path, mesh: Mesh) -> None:
         np.round(corner_normals(points, faces), 3).reshape(-1, 3) + 0.0, axis=0, return_inverse=True
     )
     corners = np.stack([faces, normal_index.reshape(-1, 3)], axis=2) + 1
-    lines = ["# Written by surrol_gym.assets.generate; do not edit."]
+    lines = ["# Written by tools.assets.generate; do not edit."]
     lines += ["v {:.6f} {:.6f} {:.6f}".format(*point) for point in points]
     lines += ["vn {:.3f} {:.3f} {:.3f}".format(*normal) for normal in normals]
     lines += ["f " + " ".join(f"{v}//{n}" for v, n in face) for face in corners]
