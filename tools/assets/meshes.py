@@ -1,11 +1,14 @@
 """Triangle meshes for the generated assets: a few shapes, and the OBJ writer.
 
 A mesh is a pair `(vertices (n, 3), triangles (m, 3))`, counter-clockwise seen from outside. Lengths are real metres.
+
+No trimesh: it orders faces and weighs normals in another way, so it would write other bytes than the committed ones.
 """
 
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 Mesh = tuple[np.ndarray, np.ndarray]
 
@@ -93,14 +96,7 @@ def tube(path: np.ndarray, radii: np.ndarray, up: tuple[float, float, float], si
 
 def place(mesh: Mesh, xyz: tuple[float, float, float], rpy: tuple[float, float, float] = (0, 0, 0)) -> Mesh:
     """Turns a mesh about fixed axes x, y, z (as URDF does), then moves it."""
-    (cr, cp, cy), (sr, sp, sy) = np.cos(rpy), np.sin(rpy)
-    rotation = np.array(
-        [
-            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-            [-sp, cp * sr, cp * cr],
-        ]
-    )
+    rotation = Rotation.from_euler("xyz", rpy).as_matrix()
     return mesh[0] @ rotation.T + np.asarray(xyz, float), mesh[1]
 
 
