@@ -4,6 +4,8 @@ from gymnasium.envs.registration import register
 
 from surrol_gym.envs.time_limit import RestorableTimeLimit
 
+__version__ = "0.1.0"
+
 _TIME_LIMITS = {
     "NeedleReach": 50,
     "GauzeRetrieve": 50,
