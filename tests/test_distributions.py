@@ -147,18 +147,18 @@ def test_what_is_imported_is_required(distributions, project, extras, names):
 
 
 @pytest.mark.study
-def test_the_simulator_installs_and_runs_without_pytorch(tmp_path):
+def test_the_simulator_installs_and_runs_without_pytorch(wheels, tmp_path):
     """In a virtual environment of its own; fetches three packages and compiles PyBullet, which takes minutes."""
     python = tmp_path / "bin" / "python"
     subprocess.run([sys.executable, "-m", "venv", tmp_path], check=True)
-    subprocess.run([python, "-m", "pip", "install", SIMULATOR], check=True)
+    subprocess.run([python, "-m", "pip", "install", wheels[SIMULATOR].filename], check=True)
     code = (
         "import gymnasium, surrol_gym\n"
         "env = gymnasium.make('surrol/NeedlePick-v0')\n"
         "env.reset(seed=0)\n"
         "print(env.step(env.action_space.sample())[1], surrol_gym.__file__)"
     )
-    output = subprocess.run([python, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True).stdout
+    output = subprocess.run([python, "-I", "-c", code], capture_output=True, text=True, check=True).stdout
     assert output.splitlines()[-1].startswith("-1.0 " + str(tmp_path))
     listed = subprocess.run([python, "-m", "pip", "list"], capture_output=True, text=True, check=True).stdout
     assert "torch" not in listed and "lerobot" not in listed
