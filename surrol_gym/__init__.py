@@ -4,6 +4,8 @@ from typing import Any
 
 from surrol_gym.registry import find_task, register_task, registered_tasks
 
+__version__ = "0.1.0"
+
 __all__ = ["TASKS", "find_task", "make_expert", "register_task", "registered_tasks"]
 
 for _module, _task, _limit in (

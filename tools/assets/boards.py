@@ -8,9 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from surrol_gym.assets import glyphs, meshes
-from surrol_gym.assets.glyphs import BLUE, GREEN, RED, SU
-from surrol_gym.assets.urdf import BLACK, DARK, collision, link, node, obj, visual, write_urdf
+from surrol_gym.tasks.match_board import BOARD_TOP, GLYPHS, TILE
+from surrol_gym.tasks.match_board_panel import CELL_PITCH, HANDLE, LID_POSITION, PANEL_POSITION
+from tools.assets import glyphs, meshes
+from tools.assets.glyphs import BLUE, GREEN, RED, SU
+from tools.assets.urdf import BLACK, DARK, collision, link, node, obj, visual, write_urdf
 
 WOOD = (0.86, 0.76, 0.58)
 WOOD_INSET = (0.95, 0.89, 0.76)
@@ -19,26 +21,24 @@ POT_GREEN = (0.05, 0.75, 0.12)
 
 # ---- Panel (facts 4.8) ----
 
-CELL = 0.125
 LID_TRAVEL = 0.375
 LID_THICKNESS = 0.0125  # and of the plates
 # A hair off the cells, so that neighbouring lids do not rub.
-LID_WIDTH = CELL - 0.001
-LID_HEIGHT = 0.0374
-HANDLE_Y = 0.18125
+LID_WIDTH = CELL_PITCH - 0.001
+LID_HEIGHT = LID_POSITION[2] - PANEL_POSITION[2]
 
 
 def write_match_panel(folder: Path) -> None:
     """Nine plates under three lids that slide along +y; the origin is 0.1 mm above the middle of the plates."""
-    half = np.array([CELL - 0.002, CELL - 0.002, LID_THICKNESS]) / 2
+    half = np.array([CELL_PITCH - 0.002, CELL_PITCH - 0.002, LID_THICKNESS]) / 2
     plate = obj(folder, "match_panel_plate", _box_mesh(-half, half, 0.0006))
     colours = [(BLUE, RED, GREEN), (RED, GREEN, BLUE), (GREEN, BLUE, RED)]
-    shapes = [collision(_box(3 * CELL, 3 * CELL, LID_THICKNESS), _metres(0, 0, -0.0001))]
+    shapes = [collision(_box(3 * CELL_PITCH, 3 * CELL_PITCH, LID_THICKNESS), _metres(0, 0, -0.0001))]
     # The plates leave narrow gaps, and a dark sheet below shows in them.
-    shapes.append(visual(_box(3 * CELL - 0.004, 3 * CELL - 0.004, 0.009), DARK, _metres(0, 0, -0.0001)))
+    shapes.append(visual(_box(3 * CELL_PITCH - 0.004, 3 * CELL_PITCH - 0.004, 0.009), DARK, _metres(0, 0, -0.0001)))
     for row in range(3):
         for column in range(3):
-            at = _metres(CELL * (row - 1), CELL * (column - 1), -0.0001)
+            at = _metres(CELL_PITCH * (row - 1), CELL_PITCH * (column - 1), -0.0001)
             shapes.append(visual(plate, colours[row][column], at))
     parts = [link("plates", *shapes)]
     for row, colour in enumerate((RED, GREEN, BLUE)):
@@ -51,7 +51,7 @@ def _lid_joint(row: int) -> ET.Element:
         "joint",
         node("parent", link="plates"),
         node("child", link=f"lid{row}"),
-        node("origin", xyz=_metres(CELL * (row - 1), 0, LID_HEIGHT), rpy=(0, 0, 0)),
+        node("origin", xyz=_metres(CELL_PITCH * (row - 1), 0, LID_HEIGHT), rpy=(0, 0, 0)),
         node("axis", xyz=(0, 1, 0)),
         node("limit", lower=0, upper=SU * LID_TRAVEL, effort=240, velocity=1),
         name=f"slide{row}",
@@ -61,12 +61,12 @@ def _lid_joint(row: int) -> ET.Element:
 
 def _lid_shapes(folder: Path, colour: tuple) -> list[ET.Element]:
     """The lid, its handle and the ball on top of the handle."""
-    half = np.array([LID_WIDTH, 3 * CELL, LID_THICKNESS]) / 2
+    half = np.array([LID_WIDTH, 3 * CELL_PITCH, LID_THICKNESS]) / 2
     slab = _box_mesh(-half, half, 0.001)
     knob = [(0.003125, -0.0125), (0.003125, 0.0066)]
     turn = np.radians(np.linspace(-55, 90, 9))
     knob += list(zip(0.00625 * np.cos(turn), 0.0125 + 0.00625 * np.sin(turn), strict=True))
-    handle_at, ball_at = _metres(0, HANDLE_Y, 0.0125), _metres(0, HANDLE_Y, 0.025)
+    handle_at, ball_at = _metres(*HANDLE), _metres(*HANDLE[:2], 2 * HANDLE[2])
     return [
         visual(obj(folder, "match_panel_lid", slab), colour),
         visual(obj(folder, "match_panel_handle", meshes.lathe(SU * np.array(knob), 16)), DARK, handle_at),
@@ -78,9 +78,8 @@ def _lid_shapes(folder: Path, colour: tuple) -> list[ET.Element]:
 
 # ---- Match board (facts 4.10) ----
 
-TILE = 0.120
-TOP, FLOOR, UNDERSIDE = 0.0090, -0.0006, -0.0105
-LAYOUT = ("012", "456", "ABC")
+FLOOR, UNDERSIDE = -0.0006, -0.0105
+LAYOUT = [GLYPHS[row : row + 3] for row in (0, 3, 6)]
 # How much wider than its glyph a recess is, on each side.
 CLEARANCE = {
     "0": 0.0096,
@@ -138,17 +137,17 @@ def _walls_of_row(row: int) -> list[tuple[tuple, tuple]]:
     boxes, start = [], -1.5 * TILE
     for column, glyph in enumerate(LAYOUT[row]):
         low, high = np.array(recess(glyph)) + (x, TILE * (column - 1))
-        boxes.append(((x - TILE / 2, start, FLOOR), (x + TILE / 2, low[1], TOP)))
-        boxes.append(((x - TILE / 2, low[1], FLOOR), (low[0], high[1], TOP)))
-        boxes.append(((high[0], low[1], FLOOR), (x + TILE / 2, high[1], TOP)))
+        boxes.append(((x - TILE / 2, start, FLOOR), (x + TILE / 2, low[1], BOARD_TOP)))
+        boxes.append(((x - TILE / 2, low[1], FLOOR), (low[0], high[1], BOARD_TOP)))
+        boxes.append(((high[0], low[1], FLOOR), (x + TILE / 2, high[1], BOARD_TOP)))
         start = high[1]
-    boxes.append(((x - TILE / 2, start, FLOOR), (x + TILE / 2, 1.5 * TILE, TOP)))
+    boxes.append(((x - TILE / 2, start, FLOOR), (x + TILE / 2, 1.5 * TILE, BOARD_TOP)))
     return boxes
 
 
 def _line_mesh(half: float) -> meshes.Mesh:
     """The thin black lines around the tiles, just proud of the wood."""
-    width, low, high = 0.0022, TOP - 0.001, TOP + 0.0004
+    width, low, high = 0.0022, BOARD_TOP - 0.001, BOARD_TOP + 0.0004
     bars = []
     for line in np.linspace(-half + width, half - width, 4):
         bars.append(_box_mesh((line - width, -half, low), (line + width, half, high), 0))

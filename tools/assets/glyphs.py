@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial import ConvexHull
 
-from surrol_gym.assets import meshes
-from surrol_gym.assets.urdf import collision, link, obj, obj_hulls, visual, write_urdf
 from surrol_gym.units import SCALING
+from tools.assets import meshes
+from tools.assets.urdf import collision, link, obj, obj_hulls, visual, write_urdf
 
 SU = 1 / SCALING
 
@@ -173,17 +174,10 @@ def hulls(glyph: str) -> list[np.ndarray]:
 
 
 def _convex(points: np.ndarray) -> np.ndarray:
-    """The convex hull, counter-clockwise."""
-    ordered = sorted(map(tuple, np.round(points, 7)))
-    chains = []
-    for chain in (ordered, ordered[::-1]):
-        hull = []
-        for point in chain:
-            while len(hull) > 1 and np.linalg.det([np.subtract(hull[-1], hull[-2]), np.subtract(point, hull[-1])]) <= 0:
-                hull.pop()
-            hull.append(point)
-        chains += hull[:-1]
-    return np.array(chains)
+    """The convex hull, counter-clockwise from its lowest x."""
+    points = np.round(points, 7)
+    corners = points[ConvexHull(points).vertices]
+    return np.roll(corners, -np.lexsort(corners.T[::-1])[0], axis=0)
 
 
 def _write_piece(folder: Path, name: str, glyph: str, mass: float, scale: float) -> None:

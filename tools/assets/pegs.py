@@ -8,21 +8,17 @@ from pathlib import Path
 
 import numpy as np
 
-from surrol_gym.assets import meshes
-from surrol_gym.assets.urdf import BLACK, QUARTER, SKIN, collision, link, node, obj, obj_hulls, visual, write_urdf
+from surrol_gym.tasks import bi_peg_board
+from surrol_gym.tasks.peg_board import PEGS
+from surrol_gym.units import to_metres
+from tools.assets import meshes
+from tools.assets.urdf import BLACK, QUARTER, SKIN, collision, link, node, obj, obj_hulls, visual, write_urdf
 
 BLUE = (0.05, 0.4, 0.82)
 RED = (0.86, 0.17, 0.14)
 GAUZE_WHITE = (0.96, 0.96, 0.95)
 
 MARGIN = 0.0002
-
-# Pegs of the transfer boards, relative to the board centre: six targets, then six sources (facts 4.0).
-PEGS = (
-    *((-0.030, 0.043), (-0.010, 0.043), (0.010, 0.043), (-0.030, 0.013), (-0.010, 0.013), (0.010, 0.013)),
-    *((-0.033, -0.027), (0.013, -0.027), (-0.0215, -0.007081), (0.0015, -0.007081)),
-    *((-0.0215, -0.046919), (0.0015, -0.046919)),
-)
 
 
 def write_gauze(folder: Path) -> None:
@@ -82,19 +78,21 @@ def write_ring_board(folder: Path) -> None:
         shapes.append(collision(node("box", size=np.subtract(high, low)), tuple(np.add(low, high) / 2)))
     peg = obj(folder, "ring_board_peg", _rod(0.002792, 0.02186, 0.001))
     radius, half = 0.002592 + MARGIN, 0.01162 + MARGIN
-    for y in (-0.037, 0.037):
+    for y in to_metres(bi_peg_board.UPRIGHT_Y):
         shapes.append(visual(peg, BLACK, (0, y, 0.0148)))
         shapes.append(_capsule(radius, (0, y, 0.0148 - half), (0, y, 0.0148 + half)))
-    for z in (0.074, 0.037):
-        for y in (-0.06474, -0.03886, -0.01296, 0.01296, 0.03886, 0.06474):
-            shapes.append(visual(peg, BLACK, (-0.0703, y, z), (0, QUARTER, 0)))
-            shapes.append(_capsule(radius, (-0.0703 - half, y, z), (-0.0703 + half, y, z)))
+    x, _, origin_z = to_metres(np.subtract((bi_peg_board.HANGING_X, 0, 0), bi_peg_board.BOARD_POSITION))
+    for z in to_metres(bi_peg_board.HANGING_Z) + origin_z:
+        for y in to_metres(bi_peg_board.HANGING_Y):
+            shapes.append(visual(peg, BLACK, (x, y, z), (0, QUARTER, 0)))
+            shapes.append(_capsule(radius, (x - half, y, z), (x + half, y, z)))
     write_urdf(folder, "ring_board", link("ring_board", *shapes, friction=0.5))
 
 
 def write_ring(folder: Path, name: str, colour: tuple) -> None:
     """Ring about the x axis; the link origin is its centre (facts 4.7)."""
-    major, minor, count, sides = 0.00834, 0.00118, 12, 8
+    major = to_metres(bi_peg_board.RING_RADIUS)
+    minor, count, sides = major - to_metres(bi_peg_board.HOLE_RADIUS), 12, 8
     # Straight pieces around the ring. Their flats across x lie in two planes, so that jaws closing along x (as the
     # experts' do) meet the same tube everywhere; the waypoints are over middles of pieces.
     angle = 2 * np.pi * (np.arange(sides) + 0.5) / sides

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from surrol_gym.assets import meshes
+from tools.assets import meshes
 
 QUARTER = np.pi / 2
 
@@ -46,7 +46,7 @@ def obj_hulls(folder: Path, name: str, pieces: list[meshes.Mesh]) -> ET.Element:
     Pieces placed by the URDF instead would be boxed, turned and boxed again: PyBullet takes the inertia from such
     boxes, and tests more pairs for contact.
     """
-    lines, offset = ["# Written by surrol_gym.assets.generate; do not edit."], 1
+    lines, offset = ["# Written by tools.assets.generate; do not edit."], 1
     for number, (points, faces) in enumerate(pieces):
         lines.append(f"o piece_{number}")
         lines += ["v {:z.6f} {:z.6f} {:z.6f}".format(*point) for point in points]
@@ -119,6 +119,6 @@ def joint(
 
 def write_urdf(folder: Path, name: str, *parts: ET.Element) -> None:
     """Writes a robot description."""
-    robot = node("robot", ET.Comment(" Written by surrol_gym.assets.generate; do not edit. "), *parts, name=name)
+    robot = node("robot", ET.Comment(" Written by tools.assets.generate; do not edit. "), *parts, name=name)
     ET.indent(robot)
     (folder / f"{name}.urdf").write_text(ET.tostring(robot, encoding="unicode") + "\n", newline="\n")

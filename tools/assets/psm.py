@@ -5,8 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
-from surrol_gym.assets import meshes
-from surrol_gym.assets.urdf import (
+from surrol_gym.psm.kinematics import INSERTION_OFFSET, JAW_LENGTH, JOINT_LIMITS, RCM_OFFSET, WRIST_OFFSET
+from tools.assets import meshes
+from tools.assets.urdf import (
     BLACK,
     DARK,
     QUARTER,
@@ -30,22 +31,23 @@ def write_psm(folder: Path, name: str, accent: tuple) -> None:
     whenever the pitch joint is near zero, so the arm keeps exactly the joints that move the tool.
     """
     turned = (-QUARTER, -QUARTER, 0)
-    shaft, pin = (0, 0.4318, 0), (0.0091, 0, 0)
+    yaw, pitch, insertion, roll, wrist_pitch, wrist_yaw = map(tuple, JOINT_LIMITS)
+    shaft, pin = (0, 0.4318, 0), (WRIST_OFFSET, 0, 0)
     write_urdf(
         folder,
         name,
         link("base_link", *_base_look(folder)),
-        joint("yaw", "base_link", "yaw_link", (0, 0.4864, 0), (QUARTER, -QUARTER, 0), (-1.5883, 1.5883)),
+        joint("yaw", "base_link", "yaw_link", (0, RCM_OFFSET, 0), (QUARTER, -QUARTER, 0), yaw),
         link("yaw_link", *_yaw_look(folder, accent)),
-        joint("pitch_end", "yaw_link", "pitch_end_link", (0, 0, 0), turned, (-0.9251, 0.9251)),
+        joint("pitch_end", "yaw_link", "pitch_end_link", (0, 0, 0), turned, pitch),
         link("pitch_end_link", *_pitch_look(folder, accent)),
-        joint("main_insertion", "pitch_end_link", "insertion_link", shaft, (QUARTER, 0, 0), (0, 0.24), "prismatic"),
+        joint("main_insertion", "pitch_end_link", "insertion_link", shaft, (QUARTER, 0, 0), insertion, "prismatic"),
         link("insertion_link", *_insertion_look(folder)),
-        joint("tool_roll", "insertion_link", "tool_roll_link", (0, 0, 0.4162), (0, 0, 0), (-4.5379, 4.5379)),
+        joint("tool_roll", "insertion_link", "tool_roll_link", (0, 0, shaft[1] - INSERTION_OFFSET), (0, 0, 0), roll),
         link("tool_roll_link", *_roll_look(folder)),
-        joint("tool_pitch", "tool_roll_link", "tool_pitch_link", (0, 0, 0), turned, (-1.3963, 1.3963)),
+        joint("tool_pitch", "tool_roll_link", "tool_pitch_link", (0, 0, 0), turned, wrist_pitch),
         link("tool_pitch_link", *_wrist_look(folder)),
-        joint("tool_yaw", "tool_pitch_link", "tool_yaw_link", pin, turned, (-1.3963, 1.3963)),
+        joint("tool_yaw", "tool_pitch_link", "tool_yaw_link", pin, turned, wrist_yaw),
         link("tool_yaw_link", visual(node("cylinder", radius=0.0008, length=0.0068), STEEL)),
         *_jaw("gripper1", visual(_jaw_look(folder), SILVER)),
         *_jaw("gripper2", visual(_jaw_look(folder), SILVER, rpy=(0, np.pi, 0))),
@@ -54,11 +56,11 @@ def write_psm(folder: Path, name: str, accent: tuple) -> None:
 
 def write_gripper(folder: Path) -> None:
     """What is simulated of the arm: link 5 and the two jaws, the parts that touch things (facts 1.3)."""
-    box = node("box", size=(0.0014, 0.0102, 0.0018))
+    box = node("box", size=(0.0014, JAW_LENGTH, 0.0018))
     jaws = []
     for name, side in (("gripper1", 1), ("gripper2", -1)):
         inertial = {"mass": 0.03, "com": (side * 0.000196, 0.001435, side * -0.000885), "friction": 1}
-        jaws += _jaw(name, collision(box, (side * 0.0007, 0.0051, 0)), **inertial)
+        jaws += _jaw(name, collision(box, (side * 0.0007, JAW_LENGTH / 2, 0)), **inertial)
     # A slim stand-in for the wrist: with its true width, BiPegBoard would start with both wrists in the board.
     wrist = collision(node("capsule", radius=0.0025, length=0.005), (0, -0.0065, 0), (QUARTER, 0, 0))
     write_urdf(folder, "psm_gripper", link("tool_yaw_link", wrist, mass=1), *jaws)
@@ -129,10 +131,10 @@ def _roll_look(folder: Path) -> list[ET.Element]:
 
 
 def _wrist_look(folder: Path) -> list[ET.Element]:
-    """Wrist between the pitch pin (z, at the origin) and the yaw pin (y, 9.1 mm along x)."""
+    """Wrist between the pitch pin (z, at the origin) and the yaw pin (y, along x)."""
     root = meshes.place(meshes.tongue(0.003, 0.0024, -0.0026, 0.0026), (0, 0, 0), (0, 0, np.pi))
     body = meshes.box((0.0016, -0.0032, -0.0037), (0.0066, 0.0032, 0.0037), 0.0009)
-    ear = meshes.place(meshes.tongue(0.004, 0.0024, 0.0021, 0.0032), (0.0091, 0, 0), (-QUARTER, 0, 0))
+    ear = meshes.place(meshes.tongue(0.004, 0.0024, 0.0021, 0.0032), (WRIST_OFFSET, 0, 0), (-QUARTER, 0, 0))
     other = meshes.place(ear, (0, 0, 0), (np.pi, 0, 0))
     return [visual(obj(folder, "psm_wrist", meshes.merge(root, body, ear, other)), SILVER)]
 
@@ -145,7 +147,7 @@ def _jaw_look(folder: Path) -> ET.Element:
     hub = meshes.lathe([(0.0023, -0.00195), (0.0023, -0.00005)], 20)
     # Stations along the blade: y, width in x, half height in z.
     stations = [(0.0005, 0.0019, 0.0009), (0.003, 0.0017, 0.0009), (0.007, 0.0014, 0.0009), (0.0097, 0.001, 0.00065)]
-    stations.append((0.0102, 0.0007, 0.00045))
+    stations.append((JAW_LENGTH, 0.0007, 0.00045))
     blade = []
     for y, width, height in stations:
         ring = meshes.rectangle(width / 2, height, 0, width / 4)

@@ -1,19 +1,19 @@
-"""Writes every URDF and OBJ file of this folder: `python -m surrol_gym.assets.generate`.
+"""Writes every URDF and OBJ file of `surrol_gym/assets`: `python -m tools.assets.generate [FOLDER]`.
 
-Running it again gives the same bytes. Everything is in real metres; load with `globalScaling=5`. The dimensions are
-those measured on SurRoL's scenes ("facts" and a section number below mean the project's notes, surrol-facts.md); the
-shapes are our own.
+Run it in the root of the repository; running it again gives the same bytes. Everything is in real metres; load with
+`globalScaling=5`. The dimensions are those measured on SurRoL's scenes ("facts" and a section number below mean the
+project's notes, surrol-facts.md); the shapes are our own.
 """
 
+import sys
 from pathlib import Path
 
-from surrol_gym.assets import boards, glyphs, needle, pegs, psm, room
-from surrol_gym.assets.urdf import GREEN, YELLOW
+from surrol_gym.bullet import ASSETS
+from tools.assets import boards, glyphs, needle, pegs, psm, room
+from tools.assets.urdf import GREEN, YELLOW
 
-HERE = Path(__file__).parent
 
-
-def main(folder: Path = HERE) -> None:
+def main(folder: Path) -> None:
     """Writes all assets into a folder."""
     psm.write_psm(folder, "psm", YELLOW)
     psm.write_psm(folder, "psm2", GREEN)
@@ -40,4 +40,4 @@ def main(folder: Path = HERE) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    main(Path(sys.argv[1]) if sys.argv[1:] else ASSETS)

@@ -1,11 +1,14 @@
 """Triangle meshes for the generated assets: a few shapes, and the OBJ writer.
 
 A mesh is a pair `(vertices (n, 3), triangles (m, 3))`, counter-clockwise seen from outside. Lengths are real metres.
+
+No trimesh: it orders faces and weighs normals in another way, so it would write other bytes than the committed ones.
 """
 
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 Mesh = tuple[np.ndarray, np.ndarray]
 
@@ -93,14 +96,7 @@ def tube(path: np.ndarray, radii: np.ndarray, up: tuple[float, float, float], si
 
 def place(mesh: Mesh, xyz: tuple[float, float, float], rpy: tuple[float, float, float] = (0, 0, 0)) -> Mesh:
     """Turns a mesh about fixed axes x, y, z (as URDF does), then moves it."""
-    (cr, cp, cy), (sr, sp, sy) = np.cos(rpy), np.sin(rpy)
-    rotation = np.array(
-        [
-            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-            [-sp, cp * sr, cp * cr],
-        ]
-    )
+    rotation = Rotation.from_euler("xyz", rpy).as_matrix()
     return mesh[0] @ rotation.T + np.asarray(xyz, float), mesh[1]
 
 
@@ -141,7 +137,7 @@ def write_obj(path: Path, mesh: Mesh) -> None:
         np.round(corner_normals(points, faces), 3).reshape(-1, 3) + 0.0, axis=0, return_inverse=True
     )
     corners = np.stack([faces, normal_index.reshape(-1, 3)], axis=2) + 1
-    lines = ["# Written by surrol_gym.assets.generate; do not edit."]
+    lines = ["# Written by tools.assets.generate; do not edit."]
     lines += ["v {:.6f} {:.6f} {:.6f}".format(*point) for point in points]
     lines += ["vn {:.3f} {:.3f} {:.3f}".format(*normal) for normal in normals]
     lines += ["f " + " ".join(f"{v}//{n}" for v, n in face) for face in corners]

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from surrol_gym.assets import meshes
-from surrol_gym.assets.urdf import QUARTER, STEEL, collision, link, node, obj, visual, write_urdf
+from tools.assets import meshes
+from tools.assets.urdf import QUARTER, STEEL, collision, link, node, obj, visual, write_urdf
 
 
 def write_needle(folder: Path) -> None:

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
-from surrol_gym.assets import meshes
-from surrol_gym.assets.urdf import (
+from tools.assets import meshes
+from tools.assets.urdf import (
     BROWN,
     DARK,
     QUARTER,
