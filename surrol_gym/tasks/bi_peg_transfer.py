@@ -6,7 +6,7 @@ from surrol_gym.envs.grasping import Grasp, exclude_each_other
 from surrol_gym.envs.psm_env import Mount, PSMEnv, psm2, robot_state
 from surrol_gym.quantities import euler, point
 from surrol_gym.stage import OVERVIEW, Camera
-from surrol_gym.tasks.peg_board import PegBoard, is_on_peg
+from surrol_gym.tasks.peg_board import CLOSEUP, PegBoard, is_on_peg
 
 
 class BiPegTransferEnv(PSMEnv):
@@ -56,7 +56,7 @@ class BiPegTransferEnv(PSMEnv):
 
     task_description = "Hand the red block from the second arm to the first and put it on the marked peg."
     cameras = {
-        "closeup": Camera(eye=(3.55, 0.0, 4.35), target=(2.73, 0.0, 3.55), field_of_view=42.0),
+        "closeup": CLOSEUP,
         "overview": OVERVIEW,
         "both_arms": Camera(eye=(5.2, 0.0, 5.3), target=(2.5, 0.0, 3.75)),
     }

@@ -7,7 +7,7 @@ import numpy as np
 from surrol_gym.envs.grasping import Grasp
 from surrol_gym.envs.psm_env import Mount, PSMEnv, robot_state
 from surrol_gym.quantities import euler, point
-from surrol_gym.stage import OVERVIEW, Camera
+from surrol_gym.tasks.needle import CAMERAS
 
 TRAY_POSITION = (2.75, 0.0, 3.3798)
 DROP_HEIGHT = 3.436
@@ -60,10 +60,7 @@ class GauzeRetrieveEnv(PSMEnv):
     """
 
     task_description = "Pick up the gauze and bring it to the goal."
-    cameras = {
-        "closeup": Camera(eye=(3.75, 0.0, 4.35), target=(2.74, 0.0, 3.53), field_of_view=40.0),
-        "overview": OVERVIEW,
-    }
+    cameras = CAMERAS
     observation_quantities = (
         *robot_state(),
         point("gauze", "centre of the gauze"),

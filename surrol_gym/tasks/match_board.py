@@ -8,11 +8,11 @@ from surrol_gym.envs.grasping import Grasp
 from surrol_gym.envs.psm_env import Mount, PSMEnv, robot_state
 from surrol_gym.quantities import Quantity, euler, point
 from surrol_gym.stage import OVERVIEW, Camera
+from surrol_gym.tasks.tray import load_tray
 
 GLYPHS = "012456ABC"
 """The pieces in the order of their class numbers; on the board they fill rows of three."""
 
-TRAY_POSITION = (2.75, 0.0, 3.3755)
 BOARD_POSITION = np.array((2.75, 0.0, 3.3905))
 CELL, TILE = 0.125, 0.120
 """Distance between the goals of neighbouring tiles and between the tiles themselves, su; SurRoL's differ."""
@@ -111,9 +111,7 @@ class MatchBoardEnv(PSMEnv):
     def _build_scene(self) -> None:
         super()._build_scene()
         self.world.load("match_board.urdf", BOARD_POSITION)
-        self.world.load("tray.urdf", TRAY_POSITION, drawn=False)
-        # The tray stands a little deeper than the table (facts, section 4.0); a picture should show its floor.
-        self.world.draw("tray.urdf", np.add(TRAY_POSITION, (0.0, 0.0, 0.003)))
+        load_tray(self.world)
         self._pieces = [self.world.load(f"glyph_{glyph}.urdf", fixed=False) for glyph in GLYPHS]
         for piece in self._pieces:
             self.grasps[0].append(Grasp(self.world, self.arms[0], piece, self._is_lifted))

@@ -4,10 +4,13 @@ import numpy as np
 import pybullet
 
 from surrol_gym.bullet import World
+from surrol_gym.stage import Camera
 from surrol_gym.units import to_su
 
 PEG_FRAME = 0.11
 """Height of the pegs' frames above the board's centre, su."""
+
+CLOSEUP = Camera(eye=(3.55, 0.0, 4.35), target=(2.73, 0.0, 3.55), field_of_view=42.0)
 
 REST = 0.0175
 """How far below the frame of its peg the centre of a block rests, su."""

@@ -5,8 +5,8 @@ import numpy as np
 from surrol_gym.envs.grasping import Grasp
 from surrol_gym.envs.psm_env import Mount, PSMEnv, robot_state
 from surrol_gym.quantities import euler, point
-from surrol_gym.stage import OVERVIEW, Camera
-from surrol_gym.tasks.peg_board import PegBoard, is_on_peg
+from surrol_gym.stage import OVERVIEW
+from surrol_gym.tasks.peg_board import CLOSEUP, PegBoard, is_on_peg
 
 
 class PegTransferEnv(PSMEnv):
@@ -54,10 +54,7 @@ class PegTransferEnv(PSMEnv):
     """
 
     task_description = "Transfer the red block to the marked peg."
-    cameras = {
-        "closeup": Camera(eye=(3.55, 0.0, 4.35), target=(2.73, 0.0, 3.55), field_of_view=42.0),
-        "overview": OVERVIEW,
-    }
+    cameras = {"closeup": CLOSEUP, "overview": OVERVIEW}
     observation_quantities = (
         *robot_state(),
         point("block", "centre of the red block"),

@@ -10,9 +10,9 @@ from surrol_gym.envs.grasping import Grasp
 from surrol_gym.envs.psm_env import Mount, PSMEnv, robot_state
 from surrol_gym.quantities import euler, point
 from surrol_gym.stage import OVERVIEW, Camera
+from surrol_gym.tasks.tray import TRAY_POSITION, load_tray
 
 COLOURS = ("red", "green")
-TRAY_POSITION = (2.75, 0.0, 3.3755)
 POTS = np.array([(2.75, -0.125, 3.3905), (2.75, 0.15, 3.3905)])
 DROP_HEIGHT = 3.436
 """Height from which the lying jacks drop, su."""
@@ -102,9 +102,7 @@ class PickAndPlaceEnv(PSMEnv):
         for colour, position in zip(COLOURS, POTS, strict=True):
             self.world.load(f"pot_{colour}.urdf", position)
         self._jacks = [self.world.load(f"jack_{colour}.urdf", fixed=False) for colour in COLOURS]
-        self.world.load("tray.urdf", TRAY_POSITION, drawn=False)
-        # The tray stands a little deeper than the table (facts, section 4.0); a picture should show its floor.
-        self.world.draw("tray.urdf", np.add(TRAY_POSITION, (0.0, 0.0, 0.003)))
+        load_tray(self.world)
         for index, jack in enumerate(self._jacks):
             self.grasps[0].append(Grasp(self.world, self.arms[0], jack, partial(self._is_lifted, index)))
 
