@@ -96,8 +96,8 @@ def test_a_policy_that_does_not_say_what_it_knows_needs_tasks(checkpoint_of_act)
 @pytest.mark.parametrize(
     ("tasks", "seeds", "told"),
     [
-        (["NeedleSew"], [0], "NeedleSew; choose from NeedleReach"),
-        (["BiPegBoard"], [0], "knows NeedleReach, NeedlePick, but not BiPegBoard"),
+        (["NeedleSew"], [0], "NeedleSew.*; choose one of NeedleReach"),
+        (["BiPegBoard"], [0], "but none of BiPegBoard"),
         (None, [], "seeds"),
         (None, [-1], "-1"),
     ],
