@@ -14,10 +14,10 @@ from surrol_gym.units import SCALING
 
 ASSETS = Path(__file__).parent / "assets"
 TIME_STEP = 1 / 240
-"""Duration of one sub-step, seconds (facts, section 1.6)."""
+"""Duration of one sub-step, seconds (docs/simulator.md#sub-steps)."""
 
 _CORRECTION = 0.1
-"""Share of its error that a constraint corrects in a sub-step, as SurRoL's joint motors do (facts, section 1.5)."""
+"""Share of its error that a constraint corrects in a sub-step, as SurRoL's joint motors do (docs/psm.md#motors)."""
 
 _SLEEP, _WAKE_UP = pybullet.ACTIVATION_STATE_SLEEP, pybullet.ACTIVATION_STATE_WAKE_UP
 
@@ -48,7 +48,7 @@ class Prop:
 
 
 class World:
-    """A PyBullet client with the engine parameters of SurRoL (facts, section 1.6).
+    """A PyBullet client with the engine parameters of SurRoL (docs/simulator.md#sub-steps).
 
     Args:
         solver_iterations: Iterations of the contact solver in a sub-step.

@@ -34,7 +34,7 @@ class Camera:
 
 
 OVERVIEW = Camera(eye=(7.588, 0.0, 6.400), target=(-0.25, 0.0, 1.875))
-"""The whole table with its arms, as SurRoL's far view shows it (facts, section 4)."""
+"""The whole table with its arms, as SurRoL's far view shows it (docs/scenes.md#what-all-scenes-share)."""
 
 
 class Stage:

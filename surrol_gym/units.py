@@ -1,4 +1,4 @@
-"""Scaled units (su): the PyBullet world is five times life size, so 1 su = 0.2 m (facts, section 0)."""
+"""Scaled units (su): the PyBullet world is five times life size, so 1 su = 0.2 m (docs/simulator.md#scaled-units)."""
 
 import numpy as np
 

@@ -19,10 +19,10 @@ from surrol_gym.quantities import Quantity, described, names, places
 from surrol_gym.stage import KINDS, Camera, Stage
 
 SUB_STEPS = 48
-"""Simulation sub-steps in one control step of 0.2 s (facts, section 1.6)."""
+"""Simulation sub-steps in one control step of 0.2 s (docs/simulator.md#sub-steps)."""
 
 SETTLING_STEPS = 60
-"""Sub-steps between posing the scene and the first observation (facts, section 1.6)."""
+"""Sub-steps between posing the scene and the first observation (docs/simulator.md#sub-steps)."""
 
 _WORLD_EXTENT = 100.0  # Bounds of the observation spaces: nothing can leave the floor.
 

@@ -1,4 +1,7 @@
-"""The grasping rule: friction first, then a fixed constraint while the jaws stay in touch (facts, section 2.1)."""
+"""The grasping rule: friction first, then a fixed constraint while the jaws stay in touch.
+
+See docs/grasping.md#the-rule.
+"""
 
 import pybullet
 

@@ -24,7 +24,7 @@ _PADDING = np.array([[-0.02, 0.02], [-0.02, 0.02], [0.0, 0.08]])  # su
 
 @dataclass(frozen=True)
 class Mount:
-    """One arm of a task: where it stands, where it starts and how it moves (facts, sections 1.1, 1.7 and 2).
+    """One arm of a task: where it stands, where it starts and how it moves (docs/psm.md#start-poses, docs/actions.md).
 
     Attributes:
         start_position: Position of link 5 at reset, su, world frame.
@@ -102,7 +102,7 @@ class PSMEnv(GoalEnv):
 
     An action holds five numbers in [-1, 1] for each arm, ``(dx, dy, dz, turn, gripper)``: the first three move link 5
     by up to 0.05 su along the world's axes from where it is measured, within the workspace; the fourth turns the tool;
-    a negative gripper closes the jaws, any other opens them to 40 degrees (facts, section 2).
+    a negative gripper closes the jaws, any other opens them to 40 degrees (docs/actions.md#what-an-action-does).
     """
 
     mounts: ClassVar[tuple[Mount, ...]] = ()
@@ -110,8 +110,8 @@ class PSMEnv(GoalEnv):
     has_gripper = True
     """Whether actions move the jaws; otherwise they stay closed."""
     jaw_mass = 0.03
-    """Mass of each jaw, kg (facts, section 1.3): light ones do not press themselves into light objects, while between
-    heavy ones flat objects swing less."""
+    """Mass of each jaw, kg (docs/psm.md#mass-of-the-jaws): light ones do not press themselves into light objects, while
+    between heavy ones flat objects swing less."""
 
     def __init_subclass__(cls, **kwargs: Any):
         cls.action_quantities = _actions(cls.mounts, cls.has_gripper)

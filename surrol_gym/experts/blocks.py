@@ -18,7 +18,8 @@ LYING = -0.011
 CARRIED = 0.09
 """Height of the centre above the pegs' tips while the block is carried."""
 
-_GRASP_HEIGHT = 0.015 + TIP_OFFSET  # of link 5 above the middle of the wall (facts, section 5.4)
+# of link 5 above the middle of the wall (docs/experts.md#pace-and-grasps-of-the-original)
+_GRASP_HEIGHT = 0.015 + TIP_OFFSET
 _RIDGE_HEIGHT = TIP_OFFSET - 0.013  # of link 5 above the ridge of a lying block
 _HELD_JAW = (0.08, 0.5)  # radians: closed on nothing the jaws are at 0, open at 0.7
 _STUCK_JAW = 0.75  # radians: something inside pushes the jaws apart

@@ -8,7 +8,7 @@ from surrol_gym.psm.arm import TIP_OFFSET
 from surrol_gym.tasks.gauze_retrieve import ATTACH_HEIGHT
 
 REST_HEIGHT = 3.3891
-"""Height of the centre of the gauze in the tray, su (facts, section 9)."""
+"""Height of the centre of the gauze in the tray, su (docs/reference_values.md#heights-at-rest)."""
 
 GRASP_HEIGHT = TIP_OFFSET - 0.005
 """Height of link 5 above the centre of the gauze in the grasp, su: the tips are 2.5e-3 above the tray."""

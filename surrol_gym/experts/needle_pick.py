@@ -7,7 +7,7 @@ from surrol_gym.experts import CLOSE, Target, grasp, nearest_yaw
 from surrol_gym.psm.arm import TIP_OFFSET
 
 GRASP_HEIGHT = TIP_OFFSET - 0.0035
-"""Height of link 5 above the needle's middle in the grasp, su (facts, section 5.3)."""
+"""Height of link 5 above the needle's middle in the grasp, su (docs/experts.md#pace-and-grasps-of-the-original)."""
 
 HELD_JAW = (0.08, 0.45)
 """Opening angle of jaws that hold the needle, radians: closed on nothing they are at 0, open at 0.7."""

@@ -1,4 +1,7 @@
-"""NeedleReach: straight to the goal, about as fast as the original script (facts, section 5.1)."""
+"""NeedleReach: straight to the goal, about as fast as the original script.
+
+See docs/experts.md#pace-and-grasps-of-the-original.
+"""
 
 from surrol_gym.envs.goal_env import Reading
 from surrol_gym.experts import Target

@@ -9,7 +9,7 @@ from surrol_gym.envs.goal_env import Reading
 from surrol_gym.experts import CLOSE, OPEN, Target, grasp, nearest_yaw
 
 GRASP_HEIGHT = 0.0275
-"""Height of link 5 above the top of a jack in the grasp, su (facts, section 5.9)."""
+"""Height of link 5 above the top of a jack in the grasp, su (docs/experts.md#pace-and-grasps-of-the-original)."""
 
 STANDING = -0.0065
 """Height of a jack's origin above the middle of the pot it stands in, su; its top is 0.05 higher."""

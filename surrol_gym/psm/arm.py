@@ -13,13 +13,13 @@ END_EFFECTOR = -1
 
 JAWS = (0, 1)
 TIP_OFFSET = round(float(to_su(kinematics.JAW_LENGTH)), 4)
-"""Distance from link 5 to the jaw tips along the tool, su (facts, section 1.2)."""
+"""Distance from link 5 to the jaw tips along the tool, su (docs/psm.md#link-5-and-the-tip)."""
 
 JAW_CLOSED, JAW_OPEN = 0.0, np.deg2rad(40)
 DOWN = np.array([-np.pi / 2, 0.0, np.pi / 2])
 """Euler angles of a tool that points straight down with its jaws opening along the world's y axis."""
 
-# Jaw motors of PyBullet's defaults: 0.9 of the error is left after a sub-step (facts, section 1.5).
+# Jaw motors of PyBullet's defaults: 0.9 of the error is left after a sub-step (docs/psm.md#motors).
 _JAW_GAINS, _JAW_FORCES = {"positionGains": (0.1, 0.1), "velocityGains": (1.0, 1.0)}, (2.0, 2.0)
 _HOLDING_FORCE = 500.0
 """Of the constraint on link 5, kg su / s^2: free motion needs less, and an arm pressed onto something yields to it."""

@@ -1,4 +1,4 @@
-"""Closed-form kinematics of the PSM, vectorised over leading axes (facts, section 1.2).
+"""Closed-form kinematics of the PSM, vectorised over leading axes (docs/psm.md#kinematics).
 
 Poses are those of link 5 (the tool-yaw link: +y points along the jaws, z is the jaw hinge) in the RCM frame, in
 metres. Joints are ``(yaw, pitch, insertion, roll, wrist pitch, wrist yaw)``; insertion is in metres, the others in

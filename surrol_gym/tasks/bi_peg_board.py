@@ -7,7 +7,7 @@ from surrol_gym.envs.psm_env import PITCH, Mount, PSMEnv, robot_state
 from surrol_gym.quantities import euler, point
 from surrol_gym.stage import Camera
 
-# The board (facts, section 4.7): six hanging pegs in each of two rows along x, two upright ones.
+# The board (docs/scenes.md#bi-peg-board): six hanging pegs in each of two rows along x, two upright ones.
 BOARD_POSITION = (2.75, 0.0, 3.4305)
 HANGING_X, HANGING_TIP_X = 2.3985, 2.4566
 HANGING_Y, HANGING_Z = np.array([-0.3237, -0.1943, -0.0648, 0.0648, 0.1943, 0.3237]), np.array([3.8005, 3.6155])
@@ -21,7 +21,7 @@ POINT_1, POINT_2 = np.array([0.0, 0.074, 0.0]), np.array([0.0, -0.0231, 0.0786])
 PSM1_ROLL = np.deg2rad(-15)
 
 ATTACH_HEIGHT = 0.05
-"""Height above the goal over which a grasp attaches the ring, su (facts, section 2.1)."""
+"""Height above the goal over which a grasp attaches the ring, su (docs/grasping.md#the-rule)."""
 
 
 class BiPegBoardEnv(PSMEnv):
@@ -66,7 +66,7 @@ class BiPegBoardEnv(PSMEnv):
 
     ## Version History
 
-    * v0: first version; facts, sections 1.7, 2, 3 and 4.7.
+    * v0: first version; docs/scenes.md#bi-peg-board.
     """
 
     task_description = "Take the red ring off its peg, hand it over and put it over the upright peg on the right."

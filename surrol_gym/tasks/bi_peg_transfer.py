@@ -51,7 +51,7 @@ class BiPegTransferEnv(PSMEnv):
 
     ## Version History
 
-    * v0: first version; facts, section 4.6.
+    * v0: first version; docs/scenes.md#bi-peg-transfer.
     """
 
     task_description = "Hand the red block from the second arm to the first and put it on the marked peg."

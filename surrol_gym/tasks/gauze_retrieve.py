@@ -16,7 +16,7 @@ DROP_HEIGHT = 3.436
 GOAL_CENTRE, GOAL_SCATTER = np.array([2.75, 0.0, 3.626]), 0.1
 
 ATTACH_HEIGHT = 0.0125
-"""Lift of the gauze at which a grasp attaches it, su (facts, section 2.1)."""
+"""Lift of the gauze at which a grasp attaches it, su (docs/grasping.md#the-rule)."""
 
 
 class GauzeRetrieveEnv(PSMEnv):
@@ -56,7 +56,7 @@ class GauzeRetrieveEnv(PSMEnv):
 
     ## Version History
 
-    * v0: first version; facts, section 4.2.
+    * v0: first version; docs/scenes.md#gauze-retrieve.
     """
 
     task_description = "Pick up the gauze and bring it to the goal."

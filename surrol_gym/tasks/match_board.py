@@ -24,14 +24,14 @@ DROP_HEIGHT = 0.0605
 """Height above the middle of the board from which they drop, su; the 1 would roll on its side from some others."""
 
 ATTACH_HEIGHT = 0.04
-"""Lift of a mark at which a grasp attaches its piece, su (facts, section 2.1)."""
+"""Lift of a mark at which a grasp attaches its piece, su (docs/grasping.md#the-rule)."""
 
 MARKS = {
     **dict.fromkeys("12456", (0.0006, 0.0, 0.0)),
     "0": (0.0, -0.0045, 0.0015),
     **dict.fromkeys("ABC", (0.0006, -0.0009, 0.0006)),
 }
-"""The point of each piece that has to be at the goal, in the frame of the piece, su (facts, section 4.10)."""
+"""The point of each piece that has to be at the goal, in the frame of the piece, su (docs/scenes.md#match-board)."""
 
 BOARD_TOP = 0.009
 """Height of the tiles above the middle of the board, su."""
@@ -86,7 +86,7 @@ class MatchBoardEnv(PSMEnv):
 
     ## Version History
 
-    * v0: first version; facts, sections 4.10 and 5.10.
+    * v0: first version; docs/scenes.md#match-board.
     """
 
     task_description = "Put the piece into its recess of the board."

@@ -16,11 +16,11 @@ LID_POSITION = np.array((2.625, -0.1, 3.4229))
 HANDLE = np.array((0.0, 0.18125, 0.0125))
 """Handle in the frame of its lid, su."""
 JAW_FRICTION = 2.0
-"""Of the jaws, instead of 1. SurRoL's resist the letter's swinging by spinning friction (facts, section 1.2), which
+"""Of the jaws, instead of 1. SurRoL's resist the letter's swinging by spinning friction (docs/psm.md#jaws), which
 PyBullet does not compute the same way every time."""
 
 LID_FRICTION = 240.0
-"""Push that a lid withstands, N su (facts, section 4.8)."""
+"""Push that a lid withstands, N su (docs/scenes.md#match-board-panel)."""
 
 # In the letter's frame: the point above its back where it is taken, su, and its orientation.
 _GRIP = (0.0, -0.03125, 0.0375), pybullet.getQuaternionFromEuler((0.0, 0.0, np.pi / 2))
@@ -62,7 +62,8 @@ class MatchBoardPanelEnv(PSMEnv):
 
     ## Version History
 
-    * v0: first version; facts, section 4.8. Panel and letter stand upright, where SurRoL rolls them by 1.57 radians.
+    * v0: first version; docs/scenes.md#match-board-panel. Panel and letter stand upright, where SurRoL rolls them by
+    1.57 radians.
     """
 
     task_description = "Open the lid, put the letter C in its cell and close the lid again."

@@ -1,4 +1,4 @@
-"""The needle and its padded tray, shared by the tasks that use them (facts, section 4.0)."""
+"""The needle and its padded tray, shared by the tasks that use them (docs/objects.md#needle)."""
 
 from math import cos, sin
 

@@ -10,7 +10,7 @@ from surrol_gym.quantities import euler, point
 from surrol_gym.tasks.needle import CAMERAS, Needle
 
 ATTACH_HEIGHT = 0.025
-"""Lift of the needle's middle at which a grasp attaches it, su (facts, section 2.1)."""
+"""Lift of the needle's middle at which a grasp attaches it, su (docs/grasping.md#the-rule)."""
 
 
 class NeedlePickEnv(PSMEnv):
@@ -52,7 +52,7 @@ class NeedlePickEnv(PSMEnv):
 
     ## Version History
 
-    * v0: first version; facts, section 4.3.
+    * v0: first version; docs/scenes.md#needle-pick.
     """
 
     task_description = "Pick up the needle and bring its middle to the goal."

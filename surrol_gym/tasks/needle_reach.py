@@ -46,7 +46,7 @@ class NeedleReachEnv(PSMEnv):
 
     ## Version History
 
-    * v0: first version; facts, section 4.1.
+    * v0: first version; docs/scenes.md#needle-reach.
     """
 
     task_description = "Move the closed jaw tips to the point above the needle."

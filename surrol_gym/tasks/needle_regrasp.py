@@ -13,7 +13,7 @@ from surrol_gym.tasks.needle import Needle
 GOAL_CENTRE, GOAL_SCATTER = np.array([2.875, -0.225, 3.651]), 0.025
 
 DEPTH = TIP_OFFSET - 0.0075
-"""Distance along the tool from link 5 to the needle between the jaws, su (facts, section 4.5)."""
+"""Distance along the tool from link 5 to the needle between the jaws, su (docs/scenes.md#needle-regrasp)."""
 
 CLOSED_ON_NEEDLE = 0.19
 """Opening angle at which the jaws touch the needle there, radians."""
@@ -65,7 +65,7 @@ class NeedleRegraspEnv(PSMEnv):
 
     ## Version History
 
-    * v0: first version; facts, section 4.5, without the scripted grasp at reset.
+    * v0: first version; docs/scenes.md#needle-regrasp, without the scripted grasp at reset.
     """
 
     task_description = "Hand the needle from the first arm to the second and bring its held end to the goal."

@@ -1,4 +1,4 @@
-"""The peg board and its blocks, shared by the transfer tasks (facts, section 4.0)."""
+"""The peg board and its blocks, shared by the transfer tasks (docs/objects.md)."""
 
 import numpy as np
 import pybullet
@@ -82,8 +82,8 @@ class PegBoard:
 def is_on_peg(achieved_goal: np.ndarray, desired_goal: np.ndarray) -> np.ndarray:
     """Tests centres of blocks against frames of pegs, both of shape (..., 3): within 0.025 su across, 0.02 up or down.
 
-    So near, the peg is in the hole, whether the block rests or is still held (facts, sections 3 and 4.4). At rest it is
-    0.0175 su below the frame.
+    So near, the peg is in the hole, whether the block rests or is still held (docs/observations.md#success). At rest it
+    is 0.0175 su below the frame.
     """
     difference = np.subtract(achieved_goal, desired_goal)
     return (np.hypot(difference[..., 0], difference[..., 1]) < 0.025) & (np.abs(difference[..., 2]) < 0.02)

@@ -50,7 +50,7 @@ class PegTransferEnv(PSMEnv):
 
     ## Version History
 
-    * v0: first version; facts, section 4.4.
+    * v0: first version; docs/scenes.md#peg-transfer.
     """
 
     task_description = "Transfer the red block to the marked peg."

@@ -21,7 +21,7 @@ SPREAD, APART = 0.05, 0.1
 """Half side of the square over which the jacks are scattered, and their smallest distance in it, su."""
 
 ATTACH_HEIGHT = 0.025
-"""Lift of a jack's top at which a grasp attaches it, su (facts, section 2.1)."""
+"""Lift of a jack's top at which a grasp attaches it, su (docs/grasping.md#the-rule)."""
 
 # The top of a jack, its z axis along the rod, in the jack's frame, where that rod is y.
 _TOP = (0.0, 0.05, 0.0), pybullet.getQuaternionFromEuler((-np.pi / 2, 0.0, 0.0))
@@ -70,7 +70,7 @@ class PickAndPlaceEnv(PSMEnv):
 
     ## Version History
 
-    * v0: first version; facts, sections 4.9 and 5.9.
+    * v0: first version; docs/scenes.md#pick-and-place.
     """
 
     task_description = "Put the red jack into the red pot and the green jack into the green pot."

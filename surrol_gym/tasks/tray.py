@@ -1,4 +1,4 @@
-"""The tray of the two tasks that sort things (facts, section 4.0)."""
+"""The tray of the two tasks that sort things (docs/objects.md)."""
 
 import numpy as np
 

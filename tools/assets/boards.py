@@ -19,7 +19,7 @@ WOOD_INSET = (0.95, 0.89, 0.76)
 POT_RED = (0.72, 0.08, 0.16)
 POT_GREEN = (0.05, 0.75, 0.12)
 
-# ---- Panel (facts 4.8) ----
+# ---- Panel (docs/objects.md#panel) ----
 
 LID_TRAVEL = 0.375
 LID_THICKNESS = 0.0125  # and of the plates
@@ -76,7 +76,7 @@ def _lid_shapes(folder: Path, colour: tuple) -> list[ET.Element]:
     ]
 
 
-# ---- Match board (facts 4.10) ----
+# ---- Match board (docs/objects.md#match-board) ----
 
 FLOOR, UNDERSIDE = -0.0006, -0.0105
 LAYOUT = [GLYPHS[row : row + 3] for row in (0, 3, 6)]
@@ -155,7 +155,7 @@ def _line_mesh(half: float) -> meshes.Mesh:
     return meshes.merge(*bars)
 
 
-# ---- Pots and jacks (facts 4.9) ----
+# ---- Pots and jacks (docs/objects.md#pots-and-jacks) ----
 
 
 def write_pots(folder: Path) -> None:

@@ -1,8 +1,8 @@
 """Writes every URDF and OBJ file of `surrol_gym/assets`: `python -m tools.assets.generate [FOLDER]`.
 
 Run it in the root of the repository; running it again gives the same bytes. Everything is in real metres; load with
-`globalScaling=5`. The dimensions are those measured on SurRoL's scenes ("facts" and a section number below mean the
-project's notes, surrol-facts.md); the shapes are our own.
+`globalScaling=5`. The dimensions are those measured on SurRoL's scenes
+(docs/objects.md); the shapes are our own.
 """
 
 import sys

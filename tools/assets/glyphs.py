@@ -1,4 +1,4 @@
-"""Letters and digits of the match boards: their strokes, outlines and loose pieces (facts 4.8, 4.10, 8).
+"""Letters and digits of the match boards: their strokes, outlines and loose pieces (docs/objects.md#pieces).
 
 The tables are in scaled units (SU of a metre), in the frame of the piece: the top of a glyph at -x, its right at +y.
 """

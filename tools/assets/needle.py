@@ -10,7 +10,7 @@ from tools.assets.urdf import QUARTER, STEEL, collision, link, node, obj, visual
 
 
 def write_needle(folder: Path) -> None:
-    """Half-circle needle of radius 20 mm; the link origin is the centre of the arc (facts 4.0)."""
+    """Half-circle needle of radius 20 mm; the link origin is the centre of the arc (docs/objects.md#needle)."""
     turn = np.radians(np.r_[np.linspace(90, 262.5, 36), np.linspace(264, 270, 5)])
     path = 0.02 * np.c_[np.cos(turn), np.sin(turn), np.zeros(len(turn))]
     # The last 7.5 degrees run out into the point.

@@ -22,7 +22,7 @@ MARGIN = 0.0002
 
 
 def write_gauze(folder: Path) -> None:
-    """Gauze pad; only a small box at its centre is felt (facts 4.2)."""
+    """Gauze pad; only a small box at its centre is felt (docs/objects.md#gauze)."""
     half = 0.0015
     gauze = link(
         "gauze",
@@ -36,7 +36,7 @@ def write_gauze(folder: Path) -> None:
 
 
 def write_block(folder: Path, name: str, colour: tuple) -> None:
-    """Triangular prism with a hexagonal hole; the link origin is its centre (facts 4.0)."""
+    """Triangular prism with a hexagonal hole; the link origin is its centre (docs/objects.md)."""
     # Felt as six prisms, one behind each flat of the hole. Their walls are 0.24 mm thicker than those seen, mostly at
     # the cost of the hole: so they have the volume, inertia and height of SurRoL's hulls, and jaws as light as SurRoL's
     # close on them to the same angle.
@@ -55,7 +55,10 @@ def write_block(folder: Path, name: str, colour: tuple) -> None:
 
 
 def write_peg_board(folder: Path, name: str, top: float) -> None:
-    """Board with twelve pegs whose tips are felt at height `top`; the link origin is the board's centre (facts 4.0)."""
+    """Board with twelve pegs whose tips are felt at height `top`; the link origin is the board's centre.
+
+    See docs/objects.md.
+    """
     rods = [meshes.place(_rod(0.0015, 0.03, 0.0007), (x, y, 0)) for x, y in PEGS]
     shapes = [
         visual(obj(folder, "peg_board", _board_mesh()), SKIN),
@@ -69,7 +72,10 @@ def write_peg_board(folder: Path, name: str, top: float) -> None:
 
 
 def write_ring_board(folder: Path) -> None:
-    """Floor and wall with pegs; the link origin is the middle of the floor plate's thickness (facts 4.7)."""
+    """Floor and wall with pegs; the link origin is the middle of the floor plate's thickness.
+
+    See docs/objects.md#ring-and-ring-board.
+    """
     floor = (-0.08196, -0.092, -0.0039), (0.0835, 0.092, 0.0039)
     wall = (-0.0898, -0.0926, -0.0045), (-0.0804, 0.0926, 0.1621)
     plates = meshes.merge(meshes.box(*floor, 0.0008), meshes.box(*wall, 0.0008))
@@ -90,7 +96,7 @@ def write_ring_board(folder: Path) -> None:
 
 
 def write_ring(folder: Path, name: str, colour: tuple) -> None:
-    """Ring about the x axis; the link origin is its centre (facts 4.7)."""
+    """Ring about the x axis; the link origin is its centre (docs/objects.md#ring-and-ring-board)."""
     major = to_metres(bi_peg_board.RING_RADIUS)
     minor, count, sides = major - to_metres(bi_peg_board.HOLE_RADIUS), 12, 8
     # Straight pieces around the ring. Their flats across x lie in two planes, so that jaws closing along x (as the

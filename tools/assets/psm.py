@@ -27,8 +27,8 @@ from tools.assets.urdf import (
 def write_psm(folder: Path, name: str, accent: tuple) -> None:
     """The looks of the Patient Side Manipulator: a base and eight joints, the accent colour telling the arms apart.
 
-    Facts 1.2. SurRoL's parallel linkage is cosmetic. Its bars hang motionless on the yaw link here, level as they are
-    whenever the pitch joint is near zero, so the arm keeps exactly the joints that move the tool.
+    See docs/psm.md#kinematics. SurRoL's parallel linkage is cosmetic. Its bars hang motionless on the yaw link here,
+    level as they are whenever the pitch joint is near zero, so the arm keeps exactly the joints that move the tool.
     """
     turned = (-QUARTER, -QUARTER, 0)
     yaw, pitch, insertion, roll, wrist_pitch, wrist_yaw = map(tuple, JOINT_LIMITS)
@@ -55,7 +55,7 @@ def write_psm(folder: Path, name: str, accent: tuple) -> None:
 
 
 def write_gripper(folder: Path) -> None:
-    """What is simulated of the arm: link 5 and the two jaws, the parts that touch things (facts 1.3)."""
+    """What is simulated of the arm: link 5 and the two jaws, the parts that touch things (docs/psm.md#jaws)."""
     box = node("box", size=(0.0014, JAW_LENGTH, 0.0018))
     jaws = []
     for name, side in (("gripper1", 1), ("gripper2", -1)):
@@ -110,7 +110,7 @@ def _insertion_look(folder: Path) -> list[ET.Element]:
     """Sterile adapter, instrument housing and shaft (z points down the tool)."""
     adapter = meshes.box((0.001, -0.0415, -0.061), (0.02, 0.0415, 0.061), 0.006)
     housing = meshes.box((-0.03, -0.033, -0.05), (0.001, 0.033, 0.045), 0.008)
-    # 11.4 mm across, drawn in to the wrist's 8.3 mm (facts 1.3).
+    # 11.4 mm across, drawn in to the wrist's 8.3 mm (docs/psm.md#jaws).
     shaft = meshes.lathe([(0.0075, 0.04), (0.0075, 0.055), (0.0057, 0.06), (0.0057, 0.393), (0.00416, 0.4072)])
     return [
         visual(obj(folder, "psm_adapter", adapter), WHITE),

@@ -29,12 +29,15 @@ def write_floor(folder: Path) -> None:
 
 
 def write_goal(folder: Path) -> None:
-    """Red sphere that marks a goal in pictures (facts 4)."""
+    """Red sphere that marks a goal in pictures (docs/scenes.md#what-all-scenes-share)."""
     write_urdf(folder, "goal", link("goal", visual(node("sphere", radius=0.003), RED)))
 
 
 def write_table(folder: Path) -> None:
-    """Table whose top is at z = 0.675; on its base at z = 0.001 that makes 3.380 scaled units (facts 1.1, 4)."""
+    """Table whose top is at z = 0.675; on its base at z = 0.001 that makes 3.380 scaled units.
+
+    See docs/scenes.md#what-all-scenes-share.
+    """
     profile = [(0, 0.6606), (0.004, 0.664), (0.004, 0.6733), (0.003, 0.675)]
     rings = [meshes.rectangle(0.1835 + wider, 0.2645 + wider, z, 0.012 + wider, 5) for wider, z in profile]
     top = meshes.place(meshes.loft(rings), (0.0025, 0, 0))
@@ -58,7 +61,7 @@ def write_table(folder: Path) -> None:
 
 
 def write_tray(folder: Path, name: str, pad: bool) -> None:
-    """Instrument tray, with or without the skin pad (facts 4.0); the link origin is its underside.
+    """Instrument tray, with or without the skin pad (docs/objects.md#tray); the link origin is its underside.
 
     Support heights above the origin: floor 0.362 mm, pad 6.2 mm.
     """
