@@ -1,5 +1,7 @@
 """The time limit of episodes that can be restored."""
 
+from typing import Any
+
 import gymnasium as gym
 
 
@@ -9,11 +11,11 @@ class RestorableTimeLimit(gym.Wrapper, gym.utils.RecordConstructorArgs):
     Gymnasium's ``TimeLimit``, which this wrapper lies around, holds the limit but counts the steps since a reset.
     """
 
-    def __init__(self, env):
+    def __init__(self, env: gym.Env):
         gym.utils.RecordConstructorArgs.__init__(self)
         gym.Wrapper.__init__(self, env)
 
-    def step(self, action):
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         """Steps the environment; see ``gymnasium.Env.step``."""
         observation, reward, terminated, _, info = self.env.step(action)
         limit = self.env.spec.max_episode_steps
