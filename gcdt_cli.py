@@ -10,6 +10,7 @@ from pathlib import Path
 
 RECORD_EXAMPLE = "example: gcdt record --task NeedlePick --episodes 100 --seed 0 --root datasets/needle_pick"
 RECORD_ALL_EXAMPLE = "all of the published datasets: gcdt record --all --root datasets"
+IMPORT_EXAMPLE = "example: gcdt import data_NeedlePickRL-v0_random_200.npz --task NeedlePick --root datasets/imported"
 MERGE_EXAMPLE = "example: gcdt merge datasets/needle_pick datasets/peg_transfer --root datasets/surrol_cross_task"
 PUBLISH_EXAMPLE = "example: gcdt publish datasets/surrol_needle_pick --repo_id user/surrol_needle_pick --dry_run"
 
@@ -19,6 +20,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="gcdt", description="Datasets of the SurRoL tasks.", epilog=RECORD_EXAMPLE)
     commands = parser.add_subparsers(dest="command", required=True)
     _add_record(commands)
+    _add_import(commands)
     _add_merge(commands)
     _add_publish(commands)
     options = parser.parse_args(arguments)
@@ -66,11 +68,27 @@ def _add_record(commands) -> None:
     record.set_defaults(run=_record)
 
 
+def _add_import(commands) -> None:
+    importing = commands.add_parser(
+        "import",
+        help="import demonstrations of SurRoL or DEX, or plain arrays, as a LeRobot dataset",
+        epilog=f"{IMPORT_EXAMPLE}; for N episodes of T steps, archives of SurRoL hold acs (N, T, A) and obs, N times "
+        "T + 1 dictionaries of observation, achieved_goal and desired_goal; plain arrays are called actions (N, T, A), "
+        "observations (N, T + 1, O), desired_goals and achieved_goals (N, T + 1, G)",
+    )
+    importing.add_argument(
+        "files", nargs="+", metavar="FILE", help="archives (.npz) of SurRoL or DEX, or of plain arrays"
+    )
+    importing.add_argument("--task", required=True, help="name of the task, such as NeedlePick")
+    importing.add_argument("--root", required=True, help="folder of the dataset")
+    importing.set_defaults(run=_import)
+
+
 def _add_merge(commands) -> None:
     merge = commands.add_parser(
         "merge", help="merge the datasets of several tasks into one for cross-task training", epilog=MERGE_EXAMPLE
     )
-    merge.add_argument("datasets", nargs="+", help="folders of datasets that `gcdt record` wrote")
+    merge.add_argument("datasets", nargs="+", help="folders of datasets that `gcdt record` or `gcdt import` wrote")
     merge.add_argument("--root", required=True, help="folder of the merged dataset")
     merge.set_defaults(run=_merge)
 
@@ -80,7 +98,7 @@ def _add_publish(commands) -> None:
         "publish", help="publish a dataset or a trained policy, with its card, on the Hub", epilog=PUBLISH_EXAMPLE
     )
     publish.add_argument(
-        "folder", help="a dataset of `gcdt record` or `gcdt merge`, or an output folder of lerobot-train"
+        "folder", help="a dataset of `gcdt record`, `import` or `merge`, or an output folder of lerobot-train"
     )
     publish.add_argument("--repo_id", required=True, metavar="USER/NAME", help="repository to publish it as")
     publish.add_argument("--private", action="store_true", help="make a new repository private")
@@ -93,11 +111,16 @@ def _names(text: str) -> list[str]:
     return [name.strip() for name in text.split(",")]
 
 
-def _record(options: argparse.Namespace) -> None:
+def _check_task(task: str) -> None:
     import surrol_gym
 
-    if options.task and options.task not in surrol_gym.TASKS:
-        raise ValueError(f"Unknown task {options.task!r}; choose one of {', '.join(surrol_gym.TASKS)}.")
+    if task not in surrol_gym.TASKS:
+        raise ValueError(f"Unknown task {task!r}; choose one of {', '.join(surrol_gym.TASKS)}.")
+
+
+def _record(options: argparse.Namespace) -> None:
+    if options.task:
+        _check_task(options.task)
 
     from lerobot_gcdt.recording import record
     from lerobot_gcdt.recording.collection import PUBLISHED_DISTURB, record_all
@@ -134,6 +157,14 @@ def _compare(roots: list[Path], manifest: Path) -> None:
             print(f"{root} matches the manifest.")
     if any(differing.values()):
         raise ValueError("the recorded datasets are kept, but differ from the published ones")
+
+
+def _import(options: argparse.Namespace) -> None:
+    _check_task(options.task)
+
+    from lerobot_gcdt.recording import import_demonstrations
+
+    import_demonstrations(options.files, options.task, options.root)
 
 
 def _merge(options: argparse.Namespace) -> None:

@@ -36,6 +36,14 @@ def test_the_example_in_the_help_is_a_valid_command(capsys, monkeypatch):
     assert calls
 
 
+def test_the_example_in_the_help_of_import_is_a_valid_command(capsys, monkeypatch):
+    calls = []
+    monkeypatch.setattr("lerobot_gcdt.recording.import_demonstrations", lambda *arguments: calls.append(arguments))
+    example = " ".join(help_of(["import"], capsys).split()).split("example: gcdt ")[1]
+    cli.main(example.split(";")[0].split())
+    assert calls == [(["data_NeedlePickRL-v0_random_200.npz"], "NeedlePick", "datasets/imported")]
+
+
 def test_all_published_datasets_are_recorded_with_their_settings(capsys, monkeypatch):
     calls = []
     monkeypatch.setattr(

@@ -116,7 +116,7 @@ def test_filmed_recordings_go_on_after_an_interruption_without_rendering_again(r
 
     root = tmp_path / "needle_pick"
     with monkeypatch.context() as patch:
-        patch.setattr(demonstrations, "_build_dataset", interrupted)
+        patch.setattr(demonstrations, "build_dataset", interrupted)
         with pytest.raises(KeyboardInterrupt):
             record("NeedlePick", 2, 0, root, 0.3, RICH)
     monkeypatch.setattr(demonstrations, "run_episode", interrupted)
