@@ -54,7 +54,10 @@ def _add_record(commands) -> None:
         "(default 0, with --all that of the published datasets)",
     )
     record.add_argument(
-        "--fields", type=_names, default=[], help="further numbers, separated by commas; there is: openh"
+        "--fields",
+        type=_names,
+        default=[],
+        help="further numbers, separated by commas; there is: openh (others as my_module:my_field)",
     )
     record.add_argument("--cameras", type=_names, default=[], help="cameras that film, such as overview,closeup")
     record.add_argument("--camera_size", type=int, default=128, help="width and height of the films (default 128)")

@@ -10,7 +10,8 @@ import pytest
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
 import gcdt_cli as cli
-from lerobot_gcdt.recording.features import FIELDS, Extras
+from lerobot_gcdt.recording.features import Extras
+from lerobot_gcdt.recording.fields import FIELDS
 
 GCDT = Path(sys.executable).parent / "gcdt"
 
