@@ -115,9 +115,8 @@ def parse(monkeypatch):
 
 @pytest.mark.parametrize("command", [c for page in SHOWN for c in commands(page) if c.startswith("gcdt ")])
 def test_every_command_of_ours_that_is_shown_can_be_given(parse, command):
-    arguments = shlex.split(command)[1:]
     with pytest.raises(Parsed):
-        parse(arguments)
+        parse(shlex.split(command)[1:])
 
 
 @pytest.mark.parametrize("command", [c for page in SHOWN for c in commands(page) if "examples/" in c])
