@@ -26,7 +26,7 @@ CODE = [
 QUICKSTART = "python3 -m pip install uv && python3 -m uv run examples/quickstart.py"
 TESTS = "python3 -m pip install uv && python3 -m uv run --extra test pytest"
 
-LEROBOTS = ("type", "path", "device", "push_to_hub", "repo_id")
+LEROBOTS = ("type", "path", "device", "push_to_hub", "repo_id", "discover_packages_path")
 """Options of every policy of LeRobot's."""
 
 
