@@ -1,16 +1,20 @@
 """One PyBullet world per object: bodies, contacts and snapshots. No module-level state."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pybullet
 from pybullet_utils.bullet_client import BulletClient
 
 from surrol_gym.units import SCALING
+
+Vector = Sequence[float] | np.ndarray
+"""What PyBullet takes for a position, an orientation or the positions of joints."""
 
 ASSETS = Path(__file__).parent / "assets"
 TIME_STEP = 1 / 240
@@ -41,10 +45,10 @@ class Prop:
     """
 
     file_name: str
-    position: tuple[float, float, float]
+    position: tuple[float, ...]
     yaw: float
-    pose: Callable | None = None
-    joints: Callable | None = None
+    pose: Callable[[], tuple[Vector, Vector]] | None = None
+    joints: Callable[[], Sequence[float]] | None = None
 
 
 class World:
@@ -58,13 +62,15 @@ class World:
         props: What a ``surrol_gym.stage.Stage`` shows of this world.
     """
 
-    def __init__(self, solver_iterations=50):
+    def __init__(self, solver_iterations: int = 50):
         self.client = connect()
         # PyBullet's usual broadphase takes bodies 0.05 su apart for neighbours, so it wakes them up too early, and when
         # it forgets them depends on all that happened before.
         self.client.resetSimulation(pybullet.RESET_USE_SIMPLE_BROADPHASE)
-        self.props = []
-        self._moving, self._fixed, self._parked = [], set(), set()
+        self.props: list[Prop] = []
+        self._moving: list[tuple[int, range, bool]] = []
+        self._fixed: set[int] = set()
+        self._parked: set[int] = set()
         self.client.setGravity(0, 0, -9.81)
         self.client.setPhysicsEngineParameter(
             fixedTimeStep=TIME_STEP,
@@ -73,11 +79,19 @@ class World:
             erp=_CORRECTION,
         )
 
-    def close(self):
+    def close(self) -> None:
         """Disconnects the client; closing twice is harmless."""
         disconnect(self.client)
 
-    def load(self, file_name, position=(0, 0, 0), yaw=0.0, fixed=True, sleeps=True, drawn=True):
+    def load(
+        self,
+        file_name: str,
+        position: Vector = (0, 0, 0),
+        yaw: float = 0.0,
+        fixed: bool = True,
+        sleeps: bool = True,
+        drawn: bool = True,
+    ) -> int:
         """Loads a URDF of ``surrol_gym/assets`` (written in metres) at five times its size.
 
         Args:
@@ -122,33 +136,40 @@ class World:
             )
         return body
 
-    def draw(self, file_name, position=(0, 0, 0), yaw=0.0, pose=None, joints=None):
+    def draw(
+        self,
+        file_name: str,
+        position: Vector = (0, 0, 0),
+        yaw: float = 0.0,
+        pose: Callable[[], tuple[Vector, Vector]] | None = None,
+        joints: Callable[[], Sequence[float]] | None = None,
+    ) -> None:
         """Adds something to the pictures that the simulation knows nothing of; see ``Prop`` for the arguments."""
         self.props.append(Prop(file_name, tuple(position), yaw, pose, joints))
 
-    def place(self, body, position, orientation=(0, 0, 0, 1)):
+    def place(self, body: int, position: Vector, orientation: Vector = (0, 0, 0, 1)) -> None:
         """Moves a body's centre-of-mass frame to a pose, stops it and wakes it up."""
         self._parked.discard(body)
         self.client.resetBasePositionAndOrientation(body, position, orientation)
         self.client.resetBaseVelocity(body, (0, 0, 0), (0, 0, 0))
         self.client.changeDynamics(body, -1, activationState=_WAKE_UP)
 
-    def lay(self, body, position, orientation=(0, 0, 0, 1)):
+    def lay(self, body: int, position: Vector, orientation: Vector = (0, 0, 0, 1)) -> None:
         """Moves a body's centre-of-mass frame to a pose in which it rests, and lets it sleep there."""
         self.place(body, position, orientation)
         self.client.changeDynamics(body, -1, activationState=_SLEEP)
 
-    def park(self, body):
+    def park(self, body: int) -> None:
         """Leaves a body out of an episode: asleep, far from everything."""
         self.lay(body, _far_away(body))
         self._parked.add(body)
 
-    def pose(self, body):
+    def pose(self, body: int) -> tuple[np.ndarray, np.ndarray]:
         """Returns position (3,), su, and quaternion (x, y, z, w) of a body's centre-of-mass frame, world frame."""
         position, orientation = self.client.getBasePositionAndOrientation(body)
         return np.array(position), np.array(orientation)
 
-    def frame(self, body, position, orientation=(0, 0, 0, 1)):
+    def frame(self, body: int, position: Vector, orientation: Vector = (0, 0, 0, 1)) -> tuple[np.ndarray, np.ndarray]:
         """Returns where a frame fixed to a body is.
 
         Args:
@@ -163,13 +184,13 @@ class World:
         position, orientation = pybullet.multiplyTransforms(*pose, position, orientation)
         return np.array(position), np.array(pybullet.getEulerFromQuaternion(orientation))
 
-    def step(self, count):
+    def step(self, count: int) -> None:
         """Advances the simulation by a number of sub-steps."""
         step_simulation = self.client.stepSimulation
         for _ in range(count):
             step_simulation()
 
-    def mark_built(self):
+    def mark_built(self) -> None:
         """Declares that all bodies are loaded; call it once, before the first step."""
         for body, _, _ in self._moving:
             if self.client.getDynamicsInfo(body, -1)[0] > 0:
@@ -177,7 +198,7 @@ class World:
                 self.place(body, _far_away(body))
         self._as_built = self.client.saveState()
 
-    def get_state(self):
+    def get_state(self) -> tuple:
         """Returns pose and velocity of every body and joint that moves, as nested tuples; None for a parked body."""
         client = self.client
         return tuple(
@@ -191,7 +212,7 @@ class World:
             for body, joints, _ in self._moving
         )
 
-    def set_state(self, state):
+    def set_state(self, state: tuple) -> None:
         """Restores what ``get_state`` returned, forgets all contacts and lets what rests sleep.
 
         PyBullet keeps contacts from one sub-step to the next and starts its solver from them, but restores them
@@ -212,7 +233,7 @@ class World:
                 for joint, (position, speed) in enumerate(joints):
                     client.resetJointState(body, joint, position, speed)
 
-    def restore_built(self, asleep=(), parked=()):
+    def restore_built(self, asleep: Collection[int] = (), parked: Collection[int] = ()) -> None:
         """Goes back to the moment of ``mark_built``, when every body that moves is far from everything.
 
         Args:
@@ -239,20 +260,20 @@ class World:
 class _Client(BulletClient):
     """A client that looks up each of PyBullet's functions only once."""
 
-    def __init__(self, mode):
+    def __init__(self, mode: int):
         # The base class connects with empty options, which makes PyBullet print "argv[0]=" each time.
         self._pid = os.getpid()
         self._client = -1
         self._client = pybullet.connect(mode)
 
-    def __getattr__(self, name):
+    def __getattr__(self, name: str) -> Any:
         function = super().__getattr__(name)
         if name != "disconnect":
             setattr(self, name, function)
         return function
 
 
-def connect(gui=False):
+def connect(gui: bool = False) -> BulletClient:
     """Returns a new PyBullet client.
 
     Raises:
@@ -266,17 +287,17 @@ def connect(gui=False):
         ) from error
 
 
-def disconnect(client):
+def disconnect(client: BulletClient) -> None:
     """Ends a client; ending it twice is harmless."""
     with suppress(pybullet.error):
         client.disconnect()
 
 
-def _far_away(body):
+def _far_away(body: int) -> tuple[float, float, float]:
     return 0.0, 0.0, 20.0 + 5.0 * body
 
 
-def _rests(velocity, joints):
+def _rests(velocity: tuple, joints: tuple) -> bool:
     (linear, angular) = velocity
     return (
         max(map(abs, linear)) < _REST_SPEED

@@ -6,6 +6,7 @@ import numpy as np
 import pybullet
 
 from surrol_gym import bullet
+from surrol_gym.bullet import Prop, World
 
 KINDS = ("rgb", "depth", "segmentation")
 """What a picture can show."""
@@ -27,7 +28,7 @@ class Camera:
     target: tuple[float, float, float]
     field_of_view: float = 45.0
 
-    def matrices(self, aspect):
+    def matrices(self, aspect: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
         """Returns the view and projection matrices for a picture of this aspect ratio (width / height)."""
         view = pybullet.computeViewMatrix(self.eye, self.target, (0, 0, 1))
         return view, pybullet.computeProjectionMatrixFOV(self.field_of_view, aspect, _NEAR, _FAR)
@@ -53,16 +54,16 @@ class Stage:
         RuntimeError: The window cannot be opened (usually: no display).
     """
 
-    def __init__(self, world, gui=False):
+    def __init__(self, world: World, gui: bool = False):
         self._client = bullet.connect(gui)
         self._props = [(self._load(prop), prop) for prop in world.props]
         self.names = tuple(prop.file_name.removesuffix(".urdf") for prop in world.props)
 
-    def close(self):
+    def close(self) -> None:
         """Disconnects the client."""
         bullet.disconnect(self._client)
 
-    def update(self):
+    def update(self) -> None:
         """Moves everything to where it is now."""
         for body, prop in self._props:
             if prop.pose is not None:
@@ -71,7 +72,7 @@ class Stage:
                 for joint, position in enumerate(prop.joints()):
                     self._client.resetJointState(body, joint, position)
 
-    def render(self, camera, width, height, kind="rgb"):
+    def render(self, camera: Camera, width: int, height: int, kind: str = "rgb") -> np.ndarray:
         """Renders a picture with PyBullet's software renderer.
 
         Returns:
@@ -98,7 +99,7 @@ class Stage:
             return np.reshape(np.asarray(bodies, dtype=np.int32), (height, width))
         return np.reshape(np.asarray(rgba, dtype=np.uint8), (height, width, 4))[..., :3]
 
-    def _load(self, prop):
+    def _load(self, prop: Prop) -> int:
         return self._client.loadURDF(
             str(bullet.ASSETS / prop.file_name),
             prop.position,

@@ -1,10 +1,12 @@
 """A PSM in the simulated world: poses in, motion of its gripper out."""
 
 from math import hypot
+from typing import Any
 
 import numpy as np
 import pybullet
 
+from surrol_gym.bullet import Vector, World
 from surrol_gym.psm import kinematics
 from surrol_gym.units import to_metres, to_su
 
@@ -43,13 +45,16 @@ class Arm:
         contact_force: Sum of the normal forces on the gripper when ``sense`` was called, kg su / s^2.
     """
 
-    def __init__(self, world, base_position, base_yaw, look="psm.urdf", jaw_mass=0.03):
+    def __init__(
+        self, world: World, base_position: Vector, base_yaw: float, look: str = "psm.urdf", jaw_mass: float = 0.03
+    ):
         self._client = world.client
         base = base_position, pybullet.getQuaternionFromEuler((0, 0, base_yaw))
         self._rcm = pybullet.multiplyTransforms(*base, (0, kinematics.RCM_OFFSET, 0), (0, 0, 0, 1))
         self._to_rcm = pybullet.invertTransform(*self._rcm)
-        self._joints = np.zeros(6)
-        self._touching, self.contact_force = set(), 0.0
+        self._joints: np.ndarray = np.zeros(6)
+        self._touching: set[tuple[int, int]] = set()
+        self.contact_force = 0.0
         self.body = world.load("psm_gripper.urdf", fixed=False, sleeps=False, drawn=False)
         for jaw in JAWS:
             self._client.changeDynamics(self.body, jaw, mass=jaw_mass)
@@ -58,7 +63,7 @@ class Arm:
         )
         world.draw(look, to_su(base_position), base_yaw, joints=self._drawn_joints)
 
-    def reset(self, position, euler, jaw=JAW_CLOSED):
+    def reset(self, position: Vector, euler: Vector, jaw: float = JAW_CLOSED) -> None:
         """Puts link 5 at a pose at once, at rest, and holds it there.
 
         Args:
@@ -78,7 +83,7 @@ class Arm:
         self._hold_at(position, orientation)
         self.command_jaws(jaw)
 
-    def move_to(self, position, euler):
+    def move_to(self, position: Vector, euler: Vector) -> None:
         """Moves link 5 towards a pose; a joint that would pass its limit stops there.
 
         Args:
@@ -92,7 +97,7 @@ class Arm:
             position, orientation = self._nearest_in_reach(position, orientation)
         self._hold_at(position, orientation)
 
-    def command_jaws(self, angle):
+    def command_jaws(self, angle: float) -> None:
         """Sets the target of the opening angle between the jaws, radians; the squeeze is limited to 2 N su."""
         self._client.setJointMotorControlArray(
             self.body,
@@ -103,78 +108,78 @@ class Arm:
             **_JAW_GAINS,
         )
 
-    def pose(self):
+    def pose(self) -> tuple[np.ndarray, np.ndarray]:
         """Returns the position of link 5, shape (3,), su, and its Euler angles, shape (3,), world frame."""
         position, orientation = self._client.getBasePositionAndOrientation(self.body)
         return np.array(position), np.array(pybullet.getEulerFromQuaternion(orientation))
 
-    def tip(self):
+    def tip(self) -> np.ndarray:
         """Returns the point between the jaw tips, shape (3,), su, world frame."""
         pose = self._client.getBasePositionAndOrientation(self.body)
         return np.array(pybullet.multiplyTransforms(*pose, (0, TIP_OFFSET, 0), (0, 0, 0, 1))[0])
 
-    def joints(self):
+    def joints(self) -> np.ndarray:
         """Returns the joint positions, shape (6,), metres and radians."""
         position, orientation = self._client.getBasePositionAndOrientation(self.body)
         return self._solve(position, orientation, near=self._joints, on_limit="clip")
 
-    def jaw_angle(self):
+    def jaw_angle(self) -> float:
         """Returns the opening angle between the jaws, radians."""
         jaw1, jaw2 = self._client.getJointStates(self.body, JAWS)
         return jaw2[0] - jaw1[0]
 
-    def sense(self):
+    def sense(self) -> None:
         """Notes what the gripper touched in the last sub-step; call it before contacts are forgotten."""
         points = self._client.getContactPoints(self.body)
         self._touching = {(point[2], point[3]) for point in points}
         self.contact_force = float(sum(point[9] for point in points))
 
-    def touches(self, body):
+    def touches(self, body: int) -> tuple[bool, bool]:
         """Returns for each jaw whether it touched a body when ``sense`` was called."""
         return (body, JAWS[0]) in self._touching, (body, JAWS[1]) in self._touching
 
-    def get_state(self):
+    def get_state(self) -> tuple[float, ...]:
         """Returns what the pose of link 5 does not tell: the joints it was last sent to, with the turns of the roll."""
         return tuple(self._joints.tolist())
 
-    def set_state(self, state):
+    def set_state(self, state: tuple[float, ...]) -> None:
         """Restores ``get_state``; the world must be restored, too."""
         self._joints = np.array(state)
 
-    def _solve(self, position, orientation, **options):
+    def _solve(self, position: Vector, orientation: Vector, **options: Any) -> np.ndarray:
         """Joints of a pose in the world: position, su, and quaternion."""
         position, orientation = pybullet.multiplyTransforms(*self._to_rcm, to_metres(position), orientation)
         return kinematics.inverse(position, quaternion_to_matrix(orientation), **options)
 
-    def _nearest_in_reach(self, position, orientation):
+    def _nearest_in_reach(self, position: Vector, orientation: Vector) -> tuple[Vector, Vector]:
         """Moves the joints as near to a pose as their limits allow; returns the pose that results."""
         self._joints = self._solve(position, orientation, near=self._joints, on_limit="clip")
         position, rotation = kinematics.forward(self._joints)
         position, orientation = pybullet.multiplyTransforms(*self._rcm, position, matrix_to_quaternion(rotation))
         return to_su(position), orientation
 
-    def _hold_at(self, position, orientation):
+    def _hold_at(self, position: Vector, orientation: Vector) -> None:
         self._client.changeConstraint(
             self._hold, position, jointChildFrameOrientation=orientation, maxForce=_HOLDING_FORCE
         )
 
-    def _drawn_joints(self):
+    def _drawn_joints(self) -> list[float]:
         """Positions of the joints of the drawn arm, su and radians."""
         jaws = [state[0] for state in self._client.getJointStates(self.body, JAWS)]
         return [*(self.joints() * (1, 1, to_su(1.0), 1, 1, 1)), *jaws]
 
 
-def euler_to_matrix(euler):
+def euler_to_matrix(euler: Vector) -> np.ndarray:
     """Converts fixed-axis x-y-z Euler angles, shape (3,), radians, to a rotation matrix, shape (3, 3)."""
     return quaternion_to_matrix(pybullet.getQuaternionFromEuler(euler))
 
 
-def quaternion_to_matrix(quaternion):
+def quaternion_to_matrix(quaternion: Vector) -> np.ndarray:
     """Converts a quaternion (x, y, z, w) to a rotation matrix, shape (3, 3)."""
     return np.array(pybullet.getMatrixFromQuaternion(quaternion)).reshape(3, 3)  # faster than np.reshape
 
 
-def matrix_to_quaternion(matrix):
+def matrix_to_quaternion(matrix: np.ndarray) -> np.ndarray:
     """Converts a rotation matrix, shape (3, 3), to a quaternion (x, y, z, w)."""
     (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = matrix
     # Four times the products of the quaternion's numbers, so that each row is a multiple of it.

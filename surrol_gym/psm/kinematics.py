@@ -8,6 +8,7 @@ radians. The remote centre of motion (RCM) is the point where the shaft enters t
 from math import asin, atan2, cos, pi, sin, sqrt
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 JOINT_NAMES = ("yaw", "pitch", "insertion", "roll", "wrist_pitch", "wrist_yaw")
 
@@ -39,7 +40,7 @@ class JointLimitError(ValueError):
     """A pose needs a joint beyond its limit."""
 
 
-def forward(joints):
+def forward(joints: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
     """Computes the pose of link 5 in the RCM frame.
 
     Args:
@@ -57,7 +58,9 @@ def forward(joints):
     return position, np.stack([x6, y6, z6], axis=-1)
 
 
-def inverse(position, rotation, near=None, on_limit="raise"):
+def inverse(
+    position: ArrayLike, rotation: ArrayLike, near: np.ndarray | None = None, on_limit: str = "raise"
+) -> np.ndarray:
     """Computes the joints that put link 5 at a pose in the RCM frame.
 
     Of the two wrist branches the one with the wrist pitch within 90 degrees is taken. Poses must lie below the RCM,
@@ -91,7 +94,9 @@ def inverse(position, rotation, near=None, on_limit="raise"):
     return joints
 
 
-def _inverse_of_one(position, rotation, near, on_limit):
+def _inverse_of_one(
+    position: np.ndarray, rotation: np.ndarray, near: np.ndarray | None, on_limit: str
+) -> tuple[float, ...]:
     """``inverse`` of a single pose; plain floats, because every control step waits for it."""
     px, py, pz = position.tolist()
     (x6x, _, z6x), (x6y, _, z6y), (x6z, _, z6z) = rotation.tolist()
@@ -123,7 +128,7 @@ def _inverse_of_one(position, rotation, near, on_limit):
     return joints
 
 
-def _shaft_frame(q1, q2):
+def _shaft_frame(q1: np.ndarray, q2: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Axes of the frame behind the roll joint, z3 along the shaft; q1 and q2 have the shape (..., 1)."""
     c1, s1, c2, s2 = _cos(q1), _sin(q1), _cos(q2), _sin(q2)
     return (

@@ -57,7 +57,7 @@ def write_psm(folder: Path, name: str, accent: tuple) -> None:
 def write_gripper(folder: Path) -> None:
     """What is simulated of the arm: link 5 and the two jaws, the parts that touch things (docs/psm.md#jaws)."""
     box = node("box", size=(0.0014, JAW_LENGTH, 0.0018))
-    jaws = []
+    jaws: list[ET.Element] = []
     for name, side in (("gripper1", 1), ("gripper2", -1)):
         inertial = {"mass": 0.03, "com": (side * 0.000196, 0.001435, side * -0.000885), "friction": 1}
         jaws += _jaw(name, collision(box, (side * 0.0007, JAW_LENGTH / 2, 0)), **inertial)
