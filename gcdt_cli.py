@@ -11,6 +11,7 @@ from pathlib import Path
 
 RECORD_EXAMPLE = "example: gcdt record --task NeedlePick --episodes 100 --seed 0 --root datasets/needle_pick"
 RECORD_ALL_EXAMPLE = "all of the published datasets: gcdt record --all --root datasets"
+IMPORT_EXAMPLE = "example: gcdt import data_NeedlePickRL-v0_random_200.npz --task NeedlePick --root datasets/imported"
 MERGE_EXAMPLE = "example: gcdt merge datasets/needle_pick datasets/peg_transfer --root datasets/surrol_cross_task"
 TRAIN_EXAMPLE = "example: gcdt train --dataset datasets/surrol_needle_pick --output outputs/needle_pick"
 EVALUATE_EXAMPLE = "example: gcdt evaluate outputs/needle_pick --first_seed 100000 --starts 100"
@@ -26,6 +27,7 @@ def main(arguments: list[str] | None = None) -> None:
     )
     commands = parser.add_subparsers(dest="command", required=True)
     _add_record(commands)
+    _add_import(commands)
     _add_merge(commands)
     _add_train(commands)
     _add_evaluate(commands)
@@ -61,7 +63,10 @@ def _add_record(commands) -> None:
         "(default 0, with --all that of the published datasets)",
     )
     record.add_argument(
-        "--fields", type=_names, default=[], help="further numbers, separated by commas; there is: openh"
+        "--fields",
+        type=_names,
+        default=[],
+        help="further numbers, separated by commas; there is: openh (others as my_module:my_field)",
     )
     record.add_argument("--cameras", type=_names, default=[], help="cameras that film, such as overview,closeup")
     record.add_argument("--camera_size", type=int, default=128, help="width and height of the films (default 128)")
@@ -75,11 +80,27 @@ def _add_record(commands) -> None:
     record.set_defaults(run=_record)
 
 
+def _add_import(commands) -> None:
+    importing = commands.add_parser(
+        "import",
+        help="import demonstrations of SurRoL or DEX, or plain arrays, as a LeRobot dataset",
+        epilog=f"{IMPORT_EXAMPLE}; for N episodes of T steps, archives of SurRoL hold acs (N, T, A) and obs, N times "
+        "T + 1 dictionaries of observation, achieved_goal and desired_goal; plain arrays are called actions (N, T, A), "
+        "observations (N, T + 1, O), desired_goals and achieved_goals (N, T + 1, G)",
+    )
+    importing.add_argument(
+        "files", nargs="+", metavar="FILE", help="archives (.npz) of SurRoL or DEX, or of plain arrays"
+    )
+    importing.add_argument("--task", required=True, help="name of the task, such as NeedlePick")
+    importing.add_argument("--root", required=True, help="folder of the dataset")
+    importing.set_defaults(run=_import)
+
+
 def _add_merge(commands) -> None:
     merge = commands.add_parser(
         "merge", help="merge the datasets of several tasks into one for cross-task training", epilog=MERGE_EXAMPLE
     )
-    merge.add_argument("datasets", nargs="+", help="folders of datasets that `gcdt record` wrote")
+    merge.add_argument("datasets", nargs="+", help="folders of datasets that `gcdt record` or `gcdt import` wrote")
     merge.add_argument("--root", required=True, help="folder of the merged dataset")
     merge.set_defaults(run=_merge)
 
@@ -130,7 +151,7 @@ def _add_publish(commands) -> None:
         "publish", help="publish a dataset or a trained policy, with its card, on the Hub", epilog=PUBLISH_EXAMPLE
     )
     publish.add_argument(
-        "folder", help="a dataset of `gcdt record` or `gcdt merge`, or an output folder of lerobot-train"
+        "folder", help="a dataset of `gcdt record`, `import` or `merge`, or an output folder of lerobot-train"
     )
     publish.add_argument("--repo_id", required=True, metavar="USER/NAME", help="repository to publish it as")
     publish.add_argument("--private", action="store_true", help="make a new repository private")
@@ -195,6 +216,14 @@ def _compare(roots: list[Path], manifest: Path) -> None:
             print(f"{root} matches the manifest.")
     if any(differing.values()):
         raise ValueError("the recorded datasets are kept, but differ from the published ones")
+
+
+def _import(options: argparse.Namespace) -> None:
+    _check_tasks([options.task])
+
+    from lerobot_gcdt.recording import import_demonstrations
+
+    import_demonstrations(options.files, options.task, options.root)
 
 
 def _merge(options: argparse.Namespace) -> None:

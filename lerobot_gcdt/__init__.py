@@ -4,6 +4,7 @@ Importing the package registers the policy types ``gcdt`` and ``bc``, and the en
 is installed; policies are trained and loaded without it.
 """
 
+from importlib.util import find_spec
 from pathlib import Path
 
 from lerobot_gcdt.baselines.modeling_bc import BCPolicy
@@ -16,12 +17,9 @@ GENERALIST = Path(__file__).parent / "generalist"
 
 __all__ = ["GENERALIST", "BCPolicy", "GCDTConfig", "GCDTPolicy", "make_gcdt_pre_post_processors"]
 
-try:
+if find_spec("pybullet"):  # which is loaded when an environment is made, not before
     from lerobot_gcdt.environment.surrol_env import SurRoLEnvConfig  # noqa: F401
-except ModuleNotFoundError as error:
-    if error.name != "pybullet":
-        raise
-else:
+
     __all__ += ["SurRoLEnvConfig"]
 
 

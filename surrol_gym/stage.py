@@ -6,7 +6,6 @@ import numpy as np
 import pybullet
 
 from surrol_gym import bullet
-from surrol_gym.bullet import Prop, World
 
 KINDS = ("rgb", "depth", "segmentation")
 """What a picture can show."""
@@ -54,10 +53,10 @@ class Stage:
         RuntimeError: The window cannot be opened (usually: no display).
     """
 
-    def __init__(self, world: World, gui: bool = False):
+    def __init__(self, world: bullet.World, gui: bool = False):
         self._client = bullet.connect(gui)
         self._props = [(self._load(prop), prop) for prop in world.props]
-        self.names = tuple(prop.file_name.removesuffix(".urdf") for prop in world.props)
+        self.names: tuple[str, ...] = tuple(prop.file_name.removesuffix(".urdf") for prop in world.props)
 
     def close(self) -> None:
         """Disconnects the client."""
@@ -99,7 +98,7 @@ class Stage:
             return np.reshape(np.asarray(bodies, dtype=np.int32), (height, width))
         return np.reshape(np.asarray(rgba, dtype=np.uint8), (height, width, 4))[..., :3]
 
-    def _load(self, prop: Prop) -> int:
+    def _load(self, prop: bullet.Prop) -> int:
         return self._client.loadURDF(
             str(bullet.ASSETS / prop.file_name),
             prop.position,

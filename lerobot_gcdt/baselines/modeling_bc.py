@@ -14,7 +14,9 @@ from lerobot_gcdt.keys import ACHIEVED_GOAL, ACTION, GOAL, STATE
 
 
 class BCPolicy(PreTrainedPolicy):
-    """A perceptron from observation and goal to the action, trained on hindsight-relabelled frames of one task.
+    """A perceptron trained by behavioural cloning, the baseline beside GCDT.
+
+    It maps observation and goal to the action, and learns from hindsight-relabelled frames of one task.
 
     Args:
         config: The configuration.

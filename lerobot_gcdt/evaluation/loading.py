@@ -7,6 +7,7 @@ from lerobot.configs.policies import PreTrainedConfig
 from lerobot.policies.factory import get_policy_class, make_pre_post_processors
 from lerobot.policies.pretrained import PreTrainedPolicy
 from lerobot.processor import PolicyProcessorPipeline
+from lerobot.utils.import_utils import register_third_party_plugins
 from torch import Tensor
 
 
@@ -53,6 +54,7 @@ def load_policy(path: str | Path) -> ProcessedPolicy:
     Raises:
         FileNotFoundError: There is no checkpoint, or its processors are missing.
     """
+    register_third_party_plugins()
     config = PreTrainedConfig.from_pretrained(path)
     policy = get_policy_class(config.type).from_pretrained(path, config=config)
     preprocessor, postprocessor = make_pre_post_processors(

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from lerobot.configs.policies import PreTrainedConfig
+from lerobot.utils.import_utils import register_third_party_plugins
 
 from surrol_gym.registry import env_class, find_task, registered_tasks
 
@@ -31,6 +32,7 @@ def tasks_of(checkpoint: str | Path, chosen: Sequence[str] | None = None) -> lis
         ValueError: A chosen task is unknown, the policy knows none of them, or nothing is chosen and it does not tell.
     """
     sentences = {task: env_class(task).task_description for task in chosen or registered_tasks()}
+    register_third_party_plugins()
     config = PreTrainedConfig.from_pretrained(checkpoint)
     if not getattr(config, "task_dims", None):
         if not chosen:

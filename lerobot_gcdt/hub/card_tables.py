@@ -8,7 +8,6 @@ from lerobot_gcdt.hub.docstrings import remarks, sections
 from lerobot_gcdt.keys import (
     ACHIEVED_GOAL,
     ACTION,
-    CARTESIAN_STATE,
     DISTURBANCE,
     GOAL,
     REWARD,
@@ -16,7 +15,7 @@ from lerobot_gcdt.keys import (
     SUCCESS,
     TIME_TO_GOAL,
 )
-from lerobot_gcdt.recording.openh import cartesian_state_names
+from lerobot_gcdt.recording.fields import find_field
 from surrol_gym.envs.psm_env import PSMEnv
 from surrol_gym.quantities import Quantity, table
 
@@ -78,10 +77,9 @@ def other_keys(env_class: type[PSMEnv], extras: dict, statistics: dict[str, dict
         A table as Markdown.
     """
     rows = [[f"`{key}`", content, *_figures(statistics, key, 0)] for key, content in OTHER_KEYS.items()]
-    if "openh" in extras["fields"]:
-        for i, name in enumerate(cartesian_state_names(len(env_class.mounts))):
-            content = "in the base frame of an arm: tool tip (m), its quaternion; jaws (rad)" if i % 8 == 0 else ""
-            rows.append([f"`{CARTESIAN_STATE}`, `{name}`", content, *_figures(statistics, CARTESIAN_STATE, i)])
+    for key, numbers in (item for name in extras["fields"] for item in find_field(name).describe(env_class).items()):
+        for i, (name, content) in enumerate(numbers.items()):
+            rows.append([f"`{key}`, `{name}`", content, *_figures(statistics, key, i)])
     size = f"{extras['camera_size']} x {extras['camera_size']}"
     rows += [[f"`observation.images.{camera}`", f"film of the episode, {size}"] for camera in extras["cameras"]]
     rows.append(["`task`", "the task as a sentence"])

@@ -4,6 +4,7 @@ A card is a function of the facts of a recording and of the docstring of its env
 The manifest keeps the facts of the published datasets, whose cards can thus be written without the data.
 """
 
+import shlex
 import textwrap
 from dataclasses import asdict
 from pathlib import Path
@@ -13,7 +14,7 @@ from huggingface_hub import DatasetCardData
 from lerobot_gcdt.hub.card_tables import number_tables, other_keys
 from lerobot_gcdt.hub.docstrings import sections
 from lerobot_gcdt.recording.demonstrations import PUSH_RATE, PUSH_RATE_SLOW, dataset_name
-from lerobot_gcdt.recording.facts import card_facts, frames_of, recordings, task_named, task_of
+from lerobot_gcdt.recording.facts import card_facts, frames_of, is_imported, recordings, task_named, task_of
 from lerobot_gcdt.recording.features import NO_EXTRAS
 from lerobot_gcdt.recording.merging import PADDED_SIZES
 from surrol_gym.quantities import table
@@ -63,7 +64,7 @@ lerobot-train --policy.type=gcdt --policy.push_to_hub=false --dataset.repo_id={r
 
 ## Licence and citation
 
-Apache-2.0. Please cite the tasks and the method:
+{licence}. Please cite the tasks and the method:
 
 {citation}
 """
@@ -85,9 +86,7 @@ BODY = """\
 {commands}
 ```
 
-{expert}
-
-{pushes}
+{origin}
 
 ## What the numbers mean
 
@@ -108,10 +107,7 @@ MERGED_BODY = """\
 {commands}
 ```
 
-The experts are feedback laws that read from the observation what to do next; attempts that failed are left out. Every
-episode goes on to the time limit of its task. `gcdt record --all --root datasets` makes all of the published datasets.
-
-{pushes}
+{origin}
 
 ## What the numbers mean
 
@@ -122,6 +118,11 @@ episode goes on to the time limit of its task. `gcdt record --all --root dataset
 {others}
 
 {numbers}"""
+
+EXPERTS = """\
+The experts are feedback laws that read from the observation what to do next; attempts that failed are left out. Every
+episode goes on to the time limit of its task. `gcdt record --all --root datasets` makes all of the published datasets.\
+"""
 
 FRAMES = """\
 Positions are in the world frame, whose x axis points from the robot towards the camera and whose z axis points up, in
@@ -141,7 +142,7 @@ env.step(action + disturbance)  # of each frame
 
 
 def dataset_card(root: Path, repo_id: str | None = None) -> str:
-    """Writes the card of a dataset of ``gcdt record`` or ``gcdt merge``.
+    """Writes the card of a dataset of ``gcdt record``, ``gcdt import`` or ``gcdt merge``.
 
     Args:
         root: Folder of the dataset.
@@ -166,19 +167,27 @@ def card(facts: dict, repo_id: str, pictures: str) -> str:
     """
     parts, merged, name = recordings(facts), "merged_from" in facts, repo_id.split("/")[-1]
     episodes, frames = sum(part["episodes"] for part in parts), sum(map(frames_of, parts))
-    experts = f"experts of {len(parts)} tasks" if merged else f"expert of `{facts['env_id']}`"
+    imported, tasks = any(map(is_imported, parts)), len({part["env_id"] for part in parts})
+    of = f"{tasks} task{'s' * (tasks > 1)}" if merged else f"`{facts['env_id']}`"
+    if imported:
+        made = f"of {of}, {'recorded and ' * merged}imported"
+    else:
+        made = f"by the scripted expert{'s' * merged} of {of}"
     told = "" if merged else f' The task in a sentence: "{env_class(facts["env_id"]).task_description}"'
     return CARD.format(
-        data=_metadata("cross-task" if merged else task_of(facts), frames).to_yaml(),
+        data=_metadata("cross-task" if merged else task_of(facts), imported, frames).to_yaml(),
         title=name,
         summary=_fill(
-            f"{episodes:,} demonstrations by the scripted {experts}, after SurRoL, in simulation: {frames:,} frames, 5 "
+            f"{episodes:,} demonstrations {made}, after SurRoL, in simulation: {frames:,} frames, 5 "
             f"a second, as a dataset of [LeRobot](https://github.com/huggingface/lerobot).{told}"
         ),
         body=(_merged_body if merged else _body)(facts, name, pictures),
         repo_id=repo_id,
         stage="--policy.training_stage=pretrain --steps=20000 " if merged else "--steps=1000 ",
         limits="\n".join(textwrap.fill(f"* {limit}", 120, subsequent_indent="  ") for limit in _limits(parts)),
+        licence="Apache-2.0, but for imported episodes, whose licence is that of their files"
+        if imported
+        else "Apache-2.0",
         citation=CITATION,
     )
 
@@ -186,9 +195,15 @@ def card(facts: dict, repo_id: str, pictures: str) -> str:
 def recording_commands(facts: dict, root: str) -> list[str]:
     """Returns the commands that make a dataset in the folder ``root``, by what ``meta/surrol.json`` says of it."""
     if "merged_from" in facts:
-        parts = {f"datasets/{dataset_name(task_of(part))}": part for part in recordings(facts)}
+        parts = {
+            f"datasets/{dataset_name(task_of(part))}{'_imported' * is_imported(part)}": part
+            for part in recordings(facts)
+        }
         made = [command for folder, part in parts.items() for command in recording_commands(part, folder)]
         return [*made, " \\\n  ".join(["gcdt merge", *parts, f"--root {root}"])]
+    if is_imported(facts):
+        files = " ".join(shlex.quote(note["file"]) for note in facts["imported_from"])
+        return [f"gcdt import {files} --task {task_named(facts)} --root {root}"]
     options = {"task": task_named(facts)} | {name: facts[name] for name in ("episodes", "seed", "disturb")}
     extras = facts["extras"]
     options |= {name: ",".join(extras[name]) for name in ("fields", "cameras") if extras[name]}
@@ -206,20 +221,19 @@ def steps_to_success(facts: dict) -> str:
     return "{mean} on average, {min} to {max}".format(**facts["steps_to_success"])
 
 
-def _metadata(subject: str, frames: int) -> DatasetCardData:
+def _metadata(subject: str, imported: bool, frames: int) -> DatasetCardData:
     return DatasetCardData(
-        license="apache-2.0",
+        license="other" if imported else "apache-2.0",
         task_categories=["robotics"],
         tags=["LeRobot", "surgical-robotics", "surrol", "dvrk"],
-        pretty_name=f"SurRoL {subject}, scripted demonstrations",
+        pretty_name=f"SurRoL {subject}, {'imported' if imported else 'scripted'} demonstrations",
         size_categories=[SIZES[max(len(str(frames)) - 3, 0)]],
         configs=[{"config_name": "default", "data_files": "data/*/*.parquet"}],
     )
 
 
 def _body(facts: dict, name: str, pictures: str) -> str:
-    task_class, limit = env_class(facts["env_id"]), task_spec(facts["env_id"]).max_episode_steps
-    last = facts["seed"] + facts["attempts"] - 1
+    task_class = env_class(facts["env_id"])
     told = sections(task_class)
     return BODY.format(
         task=task_of(facts),
@@ -228,14 +242,7 @@ def _body(facts: dict, name: str, pictures: str) -> str:
         reward=told["Rewards"],
         start=told["Starting State"],
         commands="\n".join(recording_commands(facts, f"datasets/{name}")),
-        expert=_fill(
-            "The expert is a feedback law that reads from the observation what to do next. It succeeded in "
-            f"{success_rate(facts)} attempts, the seeds {facts['seed']} to {last}; those that failed are left out. "
-            f"Steps to the first success: {steps_to_success(facts)}; every episode goes on to the time limit of "
-            f"{limit} steps. Recorded with lerobot-policy-gcdt {facts['package_version']}, whose command writes the "
-            "same numbers again."
-        ),
-        pushes=_pushes([facts]),
+        origin=_origin(facts),
         frames=FRAMES,
         numbers=number_tables(task_class, facts["statistics"], "###"),
         others=other_keys(task_class, facts["extras"], facts["statistics"]),
@@ -250,13 +257,14 @@ def _merged_body(facts: dict, name: str, pictures: str) -> str:
         sizes = ", ".join(str(len(numbers)) for numbers in names)
         seen = [f"![{task}]({pictures}/{task}.png)", f"`{part['env_id']}`", task_class.task_description, sizes]
         rows.append([*seen, f"{frames_of(part):,}", success_rate(part), steps_to_success(part)])
-    numbers = [f"### {task_of(part)}\n\n{number_tables(env_class(part['env_id']), {}, '####')}" for part in parts]
+    env_ids = {task_of(part): part["env_id"] for part in parts}
+    numbers = [f"### {task}\n\n{number_tables(env_class(env_id), {}, '####')}" for task, env_id in env_ids.items()]
     titles = ["", "task", "`task`", "observation, goal, action", "frames", "successful attempts", "steps to success"]
     sizes = ", ".join(f"{size} in `{key}`" for key, size in PADDED_SIZES.items())
     return MERGED_BODY.format(
         tasks=table(titles, rows),
         commands="\n".join(recording_commands(facts, f"datasets/{name}")),
-        pushes=_pushes(parts),
+        origin="\n\n".join(_merged_origin(parts)),
         frames=FRAMES,
         padding=_fill(
             f"Vectors are padded with zeros, to {sizes}. Their numbers are named by position, such as `state_0`, and "
@@ -267,6 +275,33 @@ def _merged_body(facts: dict, name: str, pictures: str) -> str:
         others=other_keys(env_class(parts[0]["env_id"]), asdict(NO_EXTRAS), {}),
         numbers="\n\n".join(numbers),
     )
+
+
+def _origin(facts: dict) -> str:
+    """Where the episodes of a part come from."""
+    if is_imported(facts):
+        return _fill(
+            f"The {task_of(facts)} episodes were imported by lerobot-policy-gcdt {facts['package_version']} from files "
+            "whose names and SHA-256 sums `meta/surrol.json` keeps. Who acted there, and in which simulator, the files "
+            f"do not say. {success_rate(facts)} of their episodes reach the goal by the test of `{facts['env_id']}`, "
+            "from which success and time to goal follow; the others are left out. Steps to the first success: "
+            f"{steps_to_success(facts)}. What may have been added to the actions is not known; `disturbance` is 0."
+        )
+    last, limit = facts["seed"] + facts["attempts"] - 1, task_spec(facts["env_id"]).max_episode_steps
+    expert = _fill(
+        "The expert is a feedback law that reads from the observation what to do next. It succeeded in "
+        f"{success_rate(facts)} attempts, the seeds {facts['seed']} to {last}; those that failed are left out. "
+        f"Steps to the first success: {steps_to_success(facts)}; every episode goes on to the time limit of "
+        f"{limit} steps. Recorded with lerobot-policy-gcdt {facts['package_version']}, whose command writes the "
+        "same numbers again."
+    )
+    return f"{expert}\n\n{_pushes([facts])}"
+
+
+def _merged_origin(parts: list[dict]) -> list[str]:
+    """Where the episodes of a merged dataset come from: the experts, and what was imported."""
+    recorded = [part for part in parts if not is_imported(part)]
+    return [*([EXPERTS, _pushes(recorded)] if recorded else []), *map(_origin, filter(is_imported, parts))]
 
 
 def _pushes(parts: list[dict]) -> str:
@@ -284,11 +319,19 @@ def _pushes(parts: list[dict]) -> str:
 
 
 def _limits(parts: list[dict]) -> list[str]:
-    limits = [
-        "Simulation only: nothing here was tried on a robot. The scenes are rebuilt from measured dimensions, not "
-        "copied; contacts are close to SurRoL's, not equal.",
-        "Scripted experts only: no person's skill, and one way to do a task.",
-    ]
+    recorded = [part for part in parts if not is_imported(part)]
+    limits = []
+    if recorded:
+        limits += [
+            "Simulation only: nothing here was tried on a robot. The scenes are rebuilt from measured dimensions, not "
+            "copied; contacts are close to SurRoL's, not equal.",
+            "Scripted experts only: no person's skill, and one way to do a task.",
+        ]
+    if len(recorded) < len(parts):
+        limits.append(
+            "Imported episodes are what their files say: scenes and contacts of other versions of SurRoL differ from "
+            "those of this package, in which policies are evaluated."
+        )
     failed = {task_of(part): 1 - part["episodes"] / part["attempts"] for part in parts}
     worst = max(failed, key=failed.get)
     if failed[worst]:
@@ -298,7 +341,7 @@ def _limits(parts: list[dict]) -> list[str]:
         )
     if any(part["disturb"] for part in parts):
         limits.append("The errors are pushes of a single step; failed grasps and their repair are rare.")
-    else:
+    elif recorded:
         limits.append("Nothing diverts the expert, so how to correct is hardly in the data.")
     return limits
 

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterable
+from dataclasses import fields
 from pathlib import Path
 
 import pyarrow.parquet as pq
@@ -10,7 +11,7 @@ from huggingface_hub import DatasetCard, ModelCard
 from lerobot.datasets.dataset_metadata import CODEBASE_VERSION
 from safetensors import SafetensorError, safe_open
 
-from lerobot_gcdt.hub.model_card import POLICIES
+from lerobot_gcdt.hub.model_card import find_policy
 from lerobot_gcdt.recording.demonstrations import RECORDING_FILE
 from surrol_gym import find_task
 
@@ -44,7 +45,7 @@ def check_dataset(root: Path) -> None:
 
 
 def check_checkpoint(folder: Path) -> None:
-    """Raises ValueError unless a checkpoint is whole, readable and of a policy of this package."""
+    """Raises ValueError unless a checkpoint is whole, readable and of a policy that can be described."""
     _check_files(folder, CHECKPOINT_FILES)
     steps = [step for name in PROCESSOR_FILES for step in read_json(folder / name)["steps"]]
     _check_files(folder, [step["state_file"] for step in steps if "state_file" in step])
@@ -54,9 +55,12 @@ def check_checkpoint(folder: Path) -> None:
                 pass
         except SafetensorError as error:
             raise ValueError(f"{file} is truncated or no safetensors file: {error}") from error
-    policy = read_json(folder / "config.json")["type"]
-    if policy not in POLICIES:
-        raise ValueError(f"{folder} is a policy of type {policy}, not {' or '.join(POLICIES)}: LeRobot can publish it.")
+    kind = read_json(folder / "config.json")["type"]
+    if "task_dims" not in {field.name for field in fields(find_policy(kind).config_class)}:
+        raise ValueError(
+            f"{folder} is a policy of type {kind}, which does not tell what tasks it knows (task_dims in its "
+            "configuration): LeRobot can publish it."
+        )
 
 
 def check_card(card: str, kind: str) -> None:

@@ -1,9 +1,11 @@
 """The card of a trained policy: what it was trained on, how, and how often it succeeds.
 
-Everything is read from the checkpoint's folder, so the card of a checkpoint can be written at any time.
+The docstring of its class says, in the first line, what the policy is. Everything else is read from the checkpoint's
+folder, so the card of a checkpoint can be written at any time.
 """
 
 import dataclasses
+import inspect
 import json
 import shlex
 import subprocess
@@ -15,6 +17,9 @@ import pandas as pd
 from huggingface_hub import EvalResult, ModelCardData
 from lerobot.configs.default import DatasetConfig
 from lerobot.configs.policies import PreTrainedConfig
+from lerobot.policies.factory import get_policy_class
+from lerobot.policies.pretrained import PreTrainedPolicy
+from lerobot.utils.import_utils import register_third_party_plugins
 
 from lerobot_gcdt.evaluation.checkpoints import episodes_file
 from lerobot_gcdt.evaluation.statistics import by_starts, wilson_interval
@@ -22,12 +27,6 @@ from lerobot_gcdt.hub.cards import CITATION, recording_commands
 from lerobot_gcdt.recording.demonstrations import RECORDING_FILE
 from lerobot_gcdt.recording.facts import recordings, task_named
 from surrol_gym.registry import env_class, registered_tasks
-
-POLICIES = {
-    "gcdt": ("GCDTPolicy", "The goal-conditioned decision transformer (GCDT) of Fu et al. (ICRA 2024)"),
-    "bc": ("BCPolicy", "A perceptron trained by behavioural cloning, the baseline beside GCDT"),
-}
-"""Class and description of each type of policy that has a card."""
 
 NOT_CHOSEN = (
     "type", "input_features", "output_features", "device", "push_to_hub", "repo_id", "private", "tags", "license",
@@ -65,9 +64,7 @@ On the demonstrations in `{data_name}`, by
 ## How to use it
 
 ```python
-import lerobot_gcdt
-
-policy = lerobot_gcdt.{policy_class}.from_pretrained("{repo_id}")
+{loading}.from_pretrained("{repo_id}")
 ```
 
 ```bash
@@ -104,21 +101,40 @@ def model_card(checkpoint: Path, repo_id: str | None = None) -> str:
     episodes = episodes_file(checkpoint)
     table = pd.read_parquet(episodes) if episodes.exists() else None
     revision = config["dataset"]["revision"]
-    policy_class, description = POLICIES[policy["type"]]
+    policy_class = find_policy(policy["type"])
     return CARD.format(
         data=_metadata(repo_id, policy, config["dataset"]["repo_id"], table).to_yaml(),
         title=repo_id.split("/")[-1],
-        description=description,
+        description=inspect.getdoc(policy_class).splitlines()[0].removesuffix("."),
         tasks="\n".join(f'* {task}: "{sentence}"' for task, sentence in known.items()),
         success=_success(table),
         data_name=config["dataset"]["repo_id"] + (f" at {revision}" if revision else ""),
         commands="\n".join(dict.fromkeys(_commands(checkpoint, config))),
         versions=_versions(),
-        policy_class=policy_class,
+        loading=_loading(policy_class),
         repo_id=repo_id,
         env_task=",".join(f"{task}-v0" for task in known),
         citation=CITATION,
     )
+
+
+def find_policy(kind: str) -> type[PreTrainedPolicy]:
+    """Finds the class of a type of policy, of this package or of an installed plugin.
+
+    Raises:
+        ValueError: There is none.
+    """
+    if kind not in PreTrainedConfig.get_known_choices():
+        register_third_party_plugins()
+    return get_policy_class(kind)
+
+
+def _loading(policy_class: type[PreTrainedPolicy]) -> str:
+    """The beginning of what loads a policy."""
+    package, _, _ = policy_class.__module__.partition(".")
+    if package == "lerobot_gcdt":
+        return f"import lerobot_gcdt\n\npolicy = lerobot_gcdt.{policy_class.__name__}"
+    return f"from {policy_class.__module__} import {policy_class.__name__}\n\npolicy = {policy_class.__name__}"
 
 
 def _sentences(dataset: dict) -> dict[str, str]:

@@ -8,9 +8,13 @@ from lerobot.optim.schedulers import CosineDecayWithWarmupSchedulerConfig
 
 from lerobot_gcdt.data.single_frames import SingleFrames
 from lerobot_gcdt.errors import OptionError
+from lerobot_gcdt.policy.objectives import OBJECTIVES
 
 SIZES = ("layers", "heads", "width", "inner_width", "max_timesteps")
 """Options that decide the shapes of the shared weights."""
+
+PAPERS_OBJECTIVES = ("dynamics", "time_to_goal", "reconstruction")
+"""Auxiliary objectives that have an option each for their weight, and heads in every policy."""
 
 
 @PreTrainedConfig.register_subclass("gcdt")
@@ -38,7 +42,9 @@ class GCDTConfig(SingleFrames):
             out.
         time_to_goal_weight: The same of time-to-goal prediction.
         reconstruction_weight: The same of sequence reconstruction.
-        auxiliary_context_length: Steps in a piece of a trajectory that these three objectives read, one piece for each
+        objectives: The same of further objectives, by name (``lerobot_gcdt.policy.objectives.register_objective``); the
+            policy has heads of those that are named here.
+        auxiliary_context_length: Steps in a piece of a trajectory that these objectives read, one piece for each
             frame of a batch. 100 is the paper's.
         hidden_ratio: Share of the items that sequence reconstruction hides.
         dtype: Arithmetic of the transformer in training: ``"bfloat16"``, ``"float32"``, or ``"auto"`` for the faster of
@@ -68,6 +74,7 @@ class GCDTConfig(SingleFrames):
     dynamics_weight: float = 0.1
     time_to_goal_weight: float = 0.1
     reconstruction_weight: float = 0.1
+    objectives: dict[str, float] = field(default_factory=dict)
     auxiliary_context_length: int = 20
     hidden_ratio: float = 0.15
     dtype: str = "auto"
@@ -91,15 +98,29 @@ class GCDTConfig(SingleFrames):
         for name in ("dropout", "hindsight_ratio", "hidden_ratio"):
             if not 0 <= getattr(self, name) <= 1:
                 raise OptionError(f"policy.{name} must lie in [0, 1], got {getattr(self, name)}.")
-        for name in ("dynamics_weight", "time_to_goal_weight", "reconstruction_weight"):
-            if getattr(self, name) < 0:
-                raise OptionError(f"policy.{name} must not be negative, got {getattr(self, name)}.")
+        for name in self.objectives:
+            if name in PAPERS_OBJECTIVES:
+                raise OptionError(f"policy.objectives names {name}, whose weight is policy.{name}_weight.")
+            if name not in OBJECTIVES:
+                raise OptionError(
+                    f"policy.objectives names {name!r}, but there are {', '.join(OBJECTIVES)}. LeRobot imports the "
+                    "module that registers another one with --policy.discover_packages_path, or as an installed plugin."
+                )
+        for name, weight in self.objective_weights.items():
+            if weight < 0:
+                option = f"{name}_weight" if name in PAPERS_OBJECTIVES else f"objectives: {name}"
+                raise OptionError(f"policy.{option} must not be negative, got {weight}.")
         if self.training_stage not in ("pretrain", "finetune"):
             raise OptionError(f"policy.training_stage must be 'pretrain' or 'finetune', got {self.training_stage!r}.")
         if self.optimizer_lr <= 0:
             raise OptionError(f"policy.optimizer_lr must be positive, got {self.optimizer_lr}.")
         if self.dtype not in ("auto", "bfloat16", "float32"):
             raise OptionError(f"policy.dtype must be 'auto', 'bfloat16' or 'float32', got {self.dtype!r}.")
+
+    @property
+    def objective_weights(self) -> dict[str, float]:
+        """The weight of each auxiliary objective that the policy has heads of, by name."""
+        return {name: getattr(self, f"{name}_weight") for name in PAPERS_OBJECTIVES} | self.objectives
 
     def get_optimizer_preset(self) -> AdamWConfig:
         """Returns AdamW (Fu et al. 2024, section IV-A)."""

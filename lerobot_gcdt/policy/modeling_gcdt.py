@@ -12,14 +12,7 @@ from lerobot_gcdt.data.task_layouts import task_layouts
 from lerobot_gcdt.data.trajectories import Sequences, TrajectoryBank, sizes_of
 from lerobot_gcdt.keys import ACHIEVED_GOAL, ACTION, GOAL, STATE, TIME_TO_GOAL
 from lerobot_gcdt.policy.configuration_gcdt import GCDTConfig
-from lerobot_gcdt.policy.objectives import (
-    action_errors,
-    draw_hidden,
-    dynamics_loss,
-    mean_over_processes,
-    reconstruction_loss,
-    time_to_goal_loss,
-)
+from lerobot_gcdt.policy.objectives import OBJECTIVES, action_errors, mean_over_processes
 from lerobot_gcdt.policy.precision import faster_precision
 from lerobot_gcdt.policy.tokens import ORDER, TaskModules, module_names
 from lerobot_gcdt.policy.transformer import KeyValueCache, Transformer
@@ -42,12 +35,12 @@ class History:
 
 
 class GCDTPolicy(PreTrainedPolicy):
-    """A transformer over time-to-goal, goal, observation and action tokens that predicts the next action.
+    """The goal-conditioned decision transformer (GCDT) of Fu et al. (ICRA 2024).
 
-    Tokenizers and heads belong to a task and are chosen by the task sentence; the transformer is shared. In training
-    the policy looks up whole trajectories in its own bank of the dataset, by the ``index`` of the sampled frames, and
-    relabels them in hindsight. At test time it keeps the keys and values of past tokens, so that a step costs the same
-    early and late.
+    A transformer over time-to-goal, goal, observation and action tokens predicts the next action. Tokenizers and heads
+    belong to a task and are chosen by the task sentence; the transformer is shared. In training the policy looks up
+    whole trajectories in its own bank of the dataset, by the ``index`` of the sampled frames, and relabels them in
+    hindsight. At test time it keeps the keys and values of past tokens, so that a step costs the same early and late.
 
     Args:
         config: The configuration; tasks of the dataset that it does not know yet are added to it.
@@ -77,10 +70,7 @@ class GCDTPolicy(PreTrainedPolicy):
         what it would have drawn."""
         self._module_names = module_names(config.task_dims)
         self.tasks = nn.ModuleDict(
-            {
-                name: TaskModules(config.task_dims[task], config.width, config.relative_goal)
-                for task, name in self._module_names.items()
-            }
+            {name: self._make_modules(config.task_dims[task]) for task, name in self._module_names.items()}
         )
         self.hidden_tokens = nn.Parameter(torch.randn(TOKENS, config.width))
         """Stand in the place of hidden items, one for each kind; as large as tokens, which are layer-normalised."""
@@ -261,9 +251,16 @@ class GCDTPolicy(PreTrainedPolicy):
         with safe_open(model_file, "pt") as file:
             saved = set(file.keys())
         own = set(model.state_dict())
-        # Tasks that the checkpoint does not know keep their new modules; older checkpoints do not count steps.
-        new = {key for key in own if key.startswith("tasks.") and not _has_task(saved, key.split(".")[1])}
-        new |= {"training_step"} - saved
+        # What a checkpoint does not know keeps its new modules: tasks, and objectives that are not the paper's. Older
+        # checkpoints do not count steps.
+        known_tasks, known_modules = ({key.split(".")[i] for key in saved if key.startswith("tasks.")} for i in (1, 2))
+        further = {name for objective in model.config.objectives for name in OBJECTIVES[objective].heads([1, 1, 1], 1)}
+        new = {"training_step"} - saved
+        for key in own:
+            if key.startswith("tasks."):
+                _, task, module, *_ = key.split(".")
+                if task not in known_tasks or module in further - known_modules:
+                    new.add(key)
         problem = sorted(saved ^ (own - new))
         if not problem:
             try:
@@ -299,21 +296,20 @@ class GCDTPolicy(PreTrainedPolicy):
         pieces = self._bank.draw_pieces(index, length, self.training_step, count)
         return self._bank.sequences(pieces, self._bank.draw_cuts(pieces, self.config.hindsight_ratio))
 
+    def _make_modules(self, dims: list[int]) -> TaskModules:
+        modules = TaskModules(dims, self.config.width, self.config.relative_goal)
+        for objective in self.config.objective_weights:
+            for name, head in OBJECTIVES[objective].heads(dims, self.config.width).items():
+                modules.add_module(name, head)
+        return modules
+
     def _auxiliary_losses(self, sequences: Sequences) -> dict[str, tuple[float, Tensor]]:
         """Weight and value of the auxiliary objectives that are switched on, by name."""
-        config = self.config
-        losses = {}
-        if config.dynamics_weight:
-            losses["dynamics_loss"] = config.dynamics_weight, dynamics_loss(self, sequences)
-        if config.time_to_goal_weight:
-            losses["time_to_goal_loss"] = config.time_to_goal_weight, time_to_goal_loss(self, sequences)
-        if config.reconstruction_weight:
-            hidden = draw_hidden(sequences, self.training_step, config.hidden_ratio)
-            losses["reconstruction_loss"] = (
-                config.reconstruction_weight,
-                reconstruction_loss(self, sequences, hidden),
-            )
-        return losses
+        return {
+            f"{name}_loss": (weight, OBJECTIVES[name].loss(self, sequences))
+            for name, weight in self.config.objective_weights.items()
+            if weight
+        }
 
     def _tokenize(self, sequences: Sequences, keys: tuple[str, ...], hidden: Tensor | None) -> Tensor:
         """Tokens of packed trajectories, shape (R, S, kinds, W); 0 in padding."""
@@ -412,7 +408,3 @@ class GCDTPolicy(PreTrainedPolicy):
                         f"got {tuple(batch[key].shape)}."
                     )
         return tasks
-
-
-def _has_task(keys: set[str], task: str) -> bool:
-    return any(key.startswith(f"tasks.{task}.") for key in keys)

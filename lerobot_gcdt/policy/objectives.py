@@ -1,19 +1,65 @@
-"""The four training objectives: mean squared errors over real steps (Fu et al. 2024, section III-C).
+"""The training objectives: action prediction, and auxiliary ones that are registered by name.
 
-Each is built so that its answer cannot be reached from what its head reads: by leaving tokens out of the sequence, by
-the causal order of those that stay, or by hiding them. Targets are standardised, but for actions.
+The paper's four are mean squared errors over real steps (Fu et al. 2024, section III-C). Each is built so that its
+answer cannot be reached from what its head reads: by leaving tokens out of the sequence, by the causal order of those
+that stay, or by hiding them. Targets are standardised, but for actions.
+
+A further objective is a module that calls ``register_objective``; ``--policy.objectives='{"its_name": 0.1}'`` gives it
+a weight. Only policies that name it have its heads, so checkpoints from before load as they are.
 """
 
+from collections.abc import Callable
+from dataclasses import dataclass
+
 import torch
-from torch import Tensor, distributed
+from torch import Tensor, distributed, nn
 
 from lerobot_gcdt.data.draws import combine, uniform
 from lerobot_gcdt.data.trajectories import Sequences
 from lerobot_gcdt.keys import ACTION, GOAL, STATE, TIME_TO_GOAL
-from lerobot_gcdt.policy.tokens import ORDER
+from lerobot_gcdt.policy.tokens import ORDER, kind_name
 
 _HIDE = 100
 """Random numbers from here on decide what is hidden; smaller ones are the trajectory bank's."""
+
+
+@dataclass(frozen=True)
+class Objective:
+    """An auxiliary objective of pretraining.
+
+    Attributes:
+        loss: Takes the policy and packed trajectories (``lerobot_gcdt.data.trajectories.Sequences``) and returns a
+            scalar; see ``mean_error``.
+        heads: Takes the sizes of observation, goal and action of a task and the size of a token, and returns the
+            modules that ``policy.modules_of(task)`` then has for this task, by their names.
+    """
+
+    loss: Callable[[nn.Module, Sequences], Tensor]
+    heads: Callable[[list[int], int], dict[str, nn.Module]]
+
+
+OBJECTIVES: dict[str, Objective] = {}
+"""The registered objectives, by name."""
+
+
+def register_objective(
+    name: str,
+    loss: Callable[[nn.Module, Sequences], Tensor],
+    heads: Callable[[list[int], int], dict[str, nn.Module]],
+) -> None:
+    """Registers an auxiliary objective.
+
+    Args:
+        name: Its name in the configuration; ``<name>_loss`` is what training logs.
+        loss: See ``Objective``.
+        heads: See ``Objective``.
+
+    Raises:
+        ValueError: Another objective has this name.
+    """
+    if name in OBJECTIVES:
+        raise ValueError(f"There is an objective {name!r} already; give this one another name.")
+    OBJECTIVES[name] = Objective(loss, heads)
 
 
 def action_errors(policy, sequences: Sequences) -> Tensor:
@@ -46,7 +92,7 @@ def dynamics_loss(policy, sequences: Sequences) -> Tensor:
     # What step t - 1 has seen stands where the observation of t will be compared.
     before = after_action.roll(1, dims=1)
     where = torch.nn.functional.pad(known, (1, 0))
-    return _mean_error(policy, sequences, STATE, before, where, lambda modules, x: modules.dynamics_head(x))
+    return mean_error(policy, sequences, STATE, before, where, lambda modules, x: modules.dynamics_head(x))
 
 
 def time_to_goal_loss(policy, sequences: Sequences) -> Tensor:
@@ -60,7 +106,7 @@ def time_to_goal_loss(policy, sequences: Sequences) -> Tensor:
         The mean error, a scalar.
     """
     at_observation = policy.encode(sequences, (GOAL, STATE, ACTION))[:, :, 1]
-    return _mean_error(
+    return mean_error(
         policy,
         sequences,
         TIME_TO_GOAL,
@@ -86,9 +132,9 @@ def reconstruction_loss(policy, sequences: Sequences, wanted: Tensor) -> Tensor:
     for i, key in enumerate(ORDER):
 
         def head(modules, states, key=key):
-            return modules.reconstruct(key, states)
+            return modules.reconstruction_heads[kind_name(key)](states)
 
-        losses.append(_mean_error(policy, sequences, key, hidden[:, :, i], wanted[:, :, i], head))
+        losses.append(mean_error(policy, sequences, key, hidden[:, :, i], wanted[:, :, i], head))
     return torch.stack(losses).mean()
 
 
@@ -143,8 +189,27 @@ def withheld(wanted: Tensor, relative_goal: bool) -> Tensor:
     return wanted
 
 
-def _mean_error(policy, sequences, key, hidden, where, head) -> Tensor:
-    """Mean squared error of one kind of item over some steps; ``head`` maps modules and hidden states to items."""
+def mean_error(
+    policy: nn.Module,
+    sequences: Sequences,
+    key: str,
+    hidden: Tensor,
+    where: Tensor,
+    head: Callable[[nn.Module, Tensor], Tensor],
+) -> Tensor:
+    """Computes the mean squared error of one kind of item over some steps.
+
+    Args:
+        policy: The policy.
+        sequences: Packed trajectories, R rows of S steps.
+        key: Dataset key of the items, which are standardised but for actions.
+        hidden: Hidden states to predict them from, shape (R, S, width).
+        where: The steps, booleans of shape (R, S).
+        head: Maps a task's modules and hidden states, shape (N, width), to items of the task, shape (N, size).
+
+    Returns:
+        A scalar; 0 where there are no steps.
+    """
     errors = [hidden.new_zeros(0)]
     for task, (rows, columns) in sequences.by_task.items():
         chosen = where[rows, columns]
@@ -153,3 +218,21 @@ def _mean_error(policy, sequences, key, hidden, where, head) -> Tensor:
         target = modules.target(key, {k: value[steps] for k, value in sequences.items.items()})
         errors.append((head(modules, hidden[steps]) - target).square().mean(-1))
     return mean_over_processes(torch.cat(errors))
+
+
+def _reconstruction(policy: nn.Module, sequences: Sequences) -> Tensor:
+    """Sequence reconstruction of items that are drawn anew in every step."""
+    wanted = draw_hidden(sequences, policy.training_step, policy.config.hidden_ratio)
+    return reconstruction_loss(policy, sequences, wanted)
+
+
+def _reconstruction_heads(dims: list[int], width: int) -> dict[str, nn.Module]:
+    state, goal, action = dims
+    sizes = {TIME_TO_GOAL: 1, GOAL: goal, STATE: state, ACTION: action}
+    heads = {kind_name(key): nn.Linear(width, size) for key, size in sizes.items()}
+    return {"reconstruction_heads": nn.ModuleDict(heads)}
+
+
+register_objective("dynamics", dynamics_loss, lambda dims, width: {"dynamics_head": nn.Linear(width, dims[0])})
+register_objective("time_to_goal", time_to_goal_loss, lambda _, width: {"time_to_goal_head": nn.Linear(width, 1)})
+register_objective("reconstruction", _reconstruction, _reconstruction_heads)

@@ -45,7 +45,9 @@ class ItemTokenizer(nn.Module):
 
 
 class TaskModules(nn.Module):
-    """What one task has of its own: a tokenizer for each kind of item, and the linear heads of the objectives.
+    """What one task has of its own: a tokenizer for each kind of item, and heads.
+
+    The head of the actions is there from the start; those of the auxiliary objectives are added under their names.
 
     Args:
         dims: Sizes of observation, goal and action.
@@ -60,12 +62,8 @@ class TaskModules(nn.Module):
         self.relative_goal = relative_goal
         goal_content = 2 * goal if relative_goal else goal
         sizes = {TIME_TO_GOAL: 1, GOAL: goal_content, STATE: state, ACTION: action}
-        self.tokenizers = nn.ModuleDict({_name(key): ItemTokenizer(size, width) for key, size in sizes.items()})
+        self.tokenizers = nn.ModuleDict({kind_name(key): ItemTokenizer(size, width) for key, size in sizes.items()})
         self.action_head = nn.Linear(width, action)
-        self.dynamics_head = nn.Linear(width, state)
-        self.time_to_goal_head = nn.Linear(width, 1)
-        sizes[GOAL] = goal  # what a goal token holds beside the goal is no item of its own
-        self.reconstruction_heads = nn.ModuleDict({_name(key): nn.Linear(width, size) for key, size in sizes.items()})
 
     def tokenize(self, key: str, items: dict[str, Tensor]) -> Tensor:
         """Makes the tokens of one kind.
@@ -93,12 +91,8 @@ class TaskModules(nn.Module):
         """Maps the hidden states of observation tokens, shape (..., width), to actions in [-1, 1]."""
         return torch.tanh(self.action_head(hidden))
 
-    def reconstruct(self, key: str, hidden: Tensor) -> Tensor:
-        """Maps the hidden states of hidden items of one kind, shape (..., width), to the standardised items."""
-        return self.reconstruction_heads[_name(key)](hidden)
-
     def _tokenizer(self, key: str) -> ItemTokenizer:
-        return self.tokenizers[_name(key)]
+        return self.tokenizers[kind_name(key)]
 
     def _content(self, key: str, items: dict[str, Tensor]) -> Tensor:
         if key != GOAL or not self.relative_goal:
@@ -126,5 +120,6 @@ def module_names(sentences: Iterable[str]) -> dict[str, str]:
     return names
 
 
-def _name(key: str) -> str:
+def kind_name(key: str) -> str:
+    """Returns the name of the modules of one kind of item, by its dataset key."""
     return key.removeprefix("observation.")

@@ -1,9 +1,10 @@
-"""From episodes of the experts to LeRobot datasets: recording, merging, the published collection and its manifest.
+"""From episodes to LeRobot datasets: recording, importing, merging, the published collection and its manifest.
 
 Imports the simulator, ``lerobot_gcdt.environment`` and ``lerobot_gcdt.data``; no policy.
 """
 
 from lerobot_gcdt.recording.demonstrations import record
+from lerobot_gcdt.recording.importing import import_demonstrations
 from lerobot_gcdt.recording.merging import merge
 
-__all__ = ["merge", "record"]
+__all__ = ["import_demonstrations", "merge", "record"]

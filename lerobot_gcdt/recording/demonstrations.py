@@ -9,7 +9,7 @@ import json
 import os
 import re
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -192,7 +192,12 @@ def _make(wanted: Recording, parts: Path, root: Path, on_episode: Callable[[], N
     env = gym.make(wanted.env_id)
     try:
         kept = _record_episodes(env, wanted, parts, on_episode)
-        _build_dataset(env, wanted, kept, parts, root, silent=on_episode is not None)
+        facts = asdict(wanted) | {
+            "seeds": [int(file.stem) for file in kept],
+            "attempts": int(kept[-1].stem) - wanted.seed + 1,
+        }
+        shown = tqdm(kept, desc="Writing the dataset", unit="episode", disable=on_episode is not None)
+        build_dataset(env, wanted.extras, map(_read_columns, shown), facts, parts / "dataset", root)
     except OSError as error:
         told = f"{error.strerror or error}; finished episodes are kept, repeat the command to go on"
         raise OSError(error.errno, told, str(parts)) from error
@@ -232,24 +237,37 @@ def _record_episodes(env: gym.Env, wanted: Recording, parts: Path, on_episode: C
     return kept
 
 
-def _build_dataset(env: gym.Env, wanted: Recording, kept: list[Path], parts: Path, root: Path, silent: bool) -> None:
-    """Writes the dataset beside its final place and moves it there in one step."""
-    building = parts / "dataset"
+def _read_columns(file: Path) -> dict[str, np.ndarray]:
+    with np.load(file) as episode:
+        return to_columns(dict(episode))
+
+
+def build_dataset(
+    env: gym.Env, extras: Extras, episodes: Iterable[dict[str, np.ndarray]], facts: dict, building: Path, root: Path
+) -> None:
+    """Writes episodes as a LeRobot dataset beside its final place and moves it there in one step.
+
+    Args:
+        env: The task's environment.
+        extras: What the episodes hold beside what all do.
+        episodes: What ``to_columns`` gives of each.
+        facts: What ``meta/surrol.json`` says; the steps to success are added.
+        building: Where the dataset is written; what an interrupted call left there is removed.
+        root: Folder of the dataset.
+    """
     shutil.rmtree(building, ignore_errors=True)
     datasets.disable_progress_bars()
     dataset = LeRobotDataset.create(
         f"local/{root.name}",
         fps=env.metadata["render_fps"],
-        features=describe_columns(env, wanted.extras),
+        features=describe_columns(env, extras),
         root=building,
         robot_type="dvrk_psm",
-        use_videos=bool(wanted.extras.cameras),
+        use_videos=bool(extras.cameras),
         video_backend="pyav",
     )
     steps = []
-    for file in tqdm(kept, desc="Writing the dataset", unit="episode", disable=silent):
-        with np.load(file) as arrays:
-            columns = to_columns(dict(arrays))
+    for columns in episodes:
         steps.append(int(columns[TIME_TO_GOAL][0, 0]))
         for t in range(len(columns[TIME_TO_GOAL])):
             frame = {key: values[t] for key, values in columns.items()}
@@ -257,12 +275,7 @@ def _build_dataset(env: gym.Env, wanted: Recording, kept: list[Path], parts: Pat
         dataset.save_episode(parallel_encoding=False)  # that would fork, which a worker of `--all` may not
     dataset.finalize()
     sort_statistics(building)
-    facts = asdict(wanted) | {
-        "seeds": [int(file.stem) for file in kept],
-        "attempts": int(kept[-1].stem) - wanted.seed + 1,
-        "steps_to_success": steps,
-    }
-    (building / RECORDING_FILE).write_text(json.dumps(facts, indent=2) + "\n")
+    (building / RECORDING_FILE).write_text(json.dumps(facts | {"steps_to_success": steps}, indent=2) + "\n")
     root.parent.mkdir(parents=True, exist_ok=True)
     os.replace(building, root)
 

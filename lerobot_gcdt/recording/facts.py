@@ -1,4 +1,4 @@
-"""What a dataset's ``meta/surrol.json`` tells of how it was recorded, for its card and for the manifest."""
+"""What a dataset's ``meta/surrol.json`` tells of how it was made, for its card and for the manifest."""
 
 import json
 from pathlib import Path
@@ -17,8 +17,9 @@ def card_facts(root: Path) -> dict:
         root: Folder of the dataset.
 
     Returns:
-        Of a recording its settings, attempts, steps to success, and ``statistics`` of each column; of a merged dataset
-        ``merged_from``, a list of the same of each recording, without statistics.
+        Of a recording its settings, attempts, steps to success, and ``statistics`` of each column, of an import also
+        the files, ``imported_from``; of a merged dataset ``merged_from``, a list of the same of each of its parts,
+        without statistics.
     """
     facts = json.loads((root / RECORDING_FILE).read_text())
     if "merged_from" in facts:
@@ -36,6 +37,11 @@ def recordings(facts: dict) -> list[dict]:
     return [part for whole in facts["merged_from"] for part in recordings(whole)] if "merged_from" in facts else [facts]
 
 
+def is_imported(facts: dict) -> bool:
+    """Whether the episodes come from files instead of an expert."""
+    return "imported_from" in facts
+
+
 def task_of(facts: dict) -> str:
     """Returns the name of the task of a recording."""
     return task_name(facts["env_id"])
@@ -47,8 +53,8 @@ def task_named(facts: dict) -> str:
 
 
 def frames_of(facts: dict) -> int:
-    """Returns the number of frames of a recording, whose episodes all run to the time limit."""
-    return facts["episodes"] * task_spec(facts["env_id"]).max_episode_steps
+    """Returns the number of frames of a dataset; unless it was imported, its episodes all run to the time limit."""
+    return facts.get("frames") or facts["episodes"] * task_spec(facts["env_id"]).max_episode_steps
 
 
 def _summarised(facts: dict) -> dict:

@@ -10,7 +10,6 @@ from lerobot_gcdt.environment.surrol_env import env_class
 from lerobot_gcdt.keys import (
     ACHIEVED_GOAL,
     ACTION,
-    CARTESIAN_STATE,
     DISTURBANCE,
     ENVIRONMENT_STATE,
     GOAL,
@@ -20,10 +19,7 @@ from lerobot_gcdt.keys import (
     TIME_TO_GOAL,
     image_key,
 )
-from lerobot_gcdt.recording.openh import cartesian_state, cartesian_state_names
-
-FIELDS = ("openh",)
-"""Sets of further numbers that can be recorded."""
+from lerobot_gcdt.recording.fields import find_field
 
 
 @dataclass(frozen=True)
@@ -31,7 +27,7 @@ class Extras:
     """What a dataset holds beside what all of them do.
 
     Attributes:
-        fields: Sets of further numbers, of ``FIELDS``.
+        fields: Names of sets of further numbers (``lerobot_gcdt.recording.fields.find_field``).
         cameras: Cameras of the environment that film every episode, as ``observation.images.<camera>``.
         camera_size: Width and height of the pictures, pixels.
     """
@@ -42,13 +38,15 @@ class Extras:
 
     def check(self, env_id: str) -> None:
         """Raises ValueError if an environment cannot give what is asked for."""
+        for name in self.fields:
+            find_field(name)
+        if len(set(self.fields)) < len(self.fields):
+            raise ValueError(f"The fields must be different ones, got {', '.join(self.fields)}.")
         known = sorted(env_class(env_id).cameras)
-        for kind, asked, choices in (("fields", self.fields, FIELDS), ("cameras", self.cameras, known)):
-            unknown = [name for name in asked if name not in choices]
-            if unknown or len(set(asked)) < len(asked):
-                raise ValueError(
-                    f"The {kind} of {env_id} are different ones of {', '.join(choices)}; got {', '.join(asked)}."
-                )
+        if not set(self.cameras) <= set(known) or len(set(self.cameras)) < len(self.cameras):
+            raise ValueError(
+                f"The cameras of {env_id} are different ones of {', '.join(known)}; got {', '.join(self.cameras)}."
+            )
         # Video codecs halve the resolution of colours.
         if self.camera_size < 16 or self.camera_size % 2:
             raise ValueError(f"The size of pictures must be an even number from 16, got {self.camera_size}.")
@@ -60,13 +58,16 @@ class Extras:
             "shape": (self.camera_size, self.camera_size, 3),
             "names": ["height", "width", "channels"],
         }
-        numbers = {"openh": {CARTESIAN_STATE: vector_feature(cartesian_state_names(len(env.unwrapped.mounts)))}}
-        described = {key: value for name in self.fields for key, value in numbers[name].items()}
+        described = {
+            key: vector_feature(list(numbers))
+            for name in self.fields
+            for key, numbers in find_field(name).describe(type(env.unwrapped)).items()
+        }
         return described | {image_key(camera): picture for camera in self.cameras}
 
     def observe(self, env: gym.Env) -> dict[str, np.ndarray]:
         """Returns the further columns of this moment; what is simulated is not changed."""
-        numbers = {CARTESIAN_STATE: cartesian_state(env.unwrapped)} if "openh" in self.fields else {}
+        numbers = {key: row for name in self.fields for key, row in find_field(name).observe(env.unwrapped).items()}
         size = self.camera_size
         return numbers | {image_key(camera): env.unwrapped.picture(camera, size, size) for camera in self.cameras}
 
@@ -100,17 +101,19 @@ def to_columns(episode: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     Returns:
         An array for each column, a row a step, shape (T, ...).
     """
+    extras = dict(episode)
+    observation, goal, success = (extras.pop(key) for key in ("observation", "desired_goal", "success"))
     return {
-        STATE: episode["observation"],
-        ENVIRONMENT_STATE: episode["desired_goal"],
-        GOAL: episode["desired_goal"],
-        ACHIEVED_GOAL: episode["achieved_goal"],
-        TIME_TO_GOAL: time_to_goal(episode["success"])[:, None],
-        ACTION: episode["action"],
-        DISTURBANCE: episode["disturbance"],
-        REWARD: episode["reward"][:, None],
-        SUCCESS: episode["success"][:, None],
-    } | {key: values for key, values in episode.items() if key.startswith("observation.")}
+        STATE: observation,
+        ENVIRONMENT_STATE: goal,
+        GOAL: goal,
+        ACHIEVED_GOAL: extras.pop("achieved_goal"),
+        TIME_TO_GOAL: time_to_goal(success)[:, None],
+        ACTION: extras.pop("action"),
+        DISTURBANCE: extras.pop("disturbance"),
+        REWARD: extras.pop("reward")[:, None],
+        SUCCESS: success[:, None],
+    } | extras
 
 
 def time_to_goal(success: np.ndarray) -> np.ndarray:

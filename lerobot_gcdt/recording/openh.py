@@ -7,6 +7,7 @@ description of the state beside ``observation.state`` is called ``observation.ca
 
 import numpy as np
 
+from lerobot_gcdt.keys import CARTESIAN_STATE
 from surrol_gym.envs.psm_env import Mount, PSMEnv
 from surrol_gym.psm import kinematics
 from surrol_gym.psm.arm import TIP_OFFSET, Arm, euler_to_matrix, matrix_to_quaternion
@@ -16,13 +17,17 @@ _TIP_AXES = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]])
 """Rotation from link 5 to the tool tip of the dVRK, whose z axis points along the jaws ("tooltip-offset" there)."""
 
 
-def cartesian_state_names(arms: int) -> list[str]:
-    """Returns the name of each number of ``cartesian_state``."""
+def describe_cartesian_state(env_class: type[PSMEnv]) -> dict[str, dict[str, str]]:
+    """Names the numbers of ``observe_cartesian_state``, with what a card says of them."""
     pose = [f"pose.position.{axis}" for axis in "xyz"] + [f"pose.orientation.{axis}" for axis in "xyzw"]
-    return [f"psm{number}_{name}" for number in range(1, arms + 1) for name in (*pose, "jaw")]
+    arm = dict.fromkeys((*pose, "jaw"), "") | {
+        pose[0]: "in the base frame of an arm: tool tip (m), its quaternion; jaws (rad)"
+    }
+    arms = range(1, len(env_class.mounts) + 1)
+    return {CARTESIAN_STATE: {f"psm{number}_{name}": content for number in arms for name, content in arm.items()}}
 
 
-def cartesian_state(env: PSMEnv) -> np.ndarray:
+def observe_cartesian_state(env: PSMEnv) -> dict[str, np.ndarray]:
     """Measures the arms as a dVRK does: from their joints, each in its own base frame.
 
     The base frame of a PSM lies in its remote centre of motion.
@@ -31,11 +36,11 @@ def cartesian_state(env: PSMEnv) -> np.ndarray:
         env: The environment, unwrapped; what it simulates is not changed.
 
     Returns:
-        For each arm the position of the tool tip, metres, its quaternion (x, y, z, w) and the opening angle of the
-        jaws, radians; shape (8 * arms,), float32.
+        Of ``observation.cartesian_state``, for each arm the position of the tool tip, metres, its quaternion
+        (x, y, z, w) and the opening angle of the jaws, radians; shape (8 * arms,), float32.
     """
     numbers = [_measure(arm, mount) for arm, mount in zip(env.arms, env.mounts, strict=True)]
-    return np.concatenate(numbers, dtype=np.float32)
+    return {CARTESIAN_STATE: np.concatenate(numbers, dtype=np.float32)}
 
 
 def _measure(arm: Arm, mount: Mount) -> np.ndarray:

@@ -12,7 +12,8 @@ import pytest
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
 import gcdt_cli as cli
-from lerobot_gcdt.recording.features import FIELDS, Extras
+from lerobot_gcdt.recording.features import Extras
+from lerobot_gcdt.recording.fields import FIELDS
 from lerobot_gcdt.training.stages import STAGES
 
 GCDT = Path(sys.executable).parent / "gcdt"
@@ -31,7 +32,7 @@ def test_help_shows_an_example(arguments, capsys):
     assert "gcdt record --task NeedlePick --episodes 100 --seed 0 --root" in printed
 
 
-@pytest.mark.parametrize("command", ["record", "merge", "train", "evaluate", "publish"])
+@pytest.mark.parametrize("command", ["record", "import", "merge", "train", "evaluate", "publish"])
 def test_the_example_in_the_help_is_a_valid_command(command, capsys, monkeypatch):
     calls = []
     monkeypatch.setattr(cli, f"_{command}", calls.append)

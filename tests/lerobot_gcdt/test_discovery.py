@@ -35,6 +35,7 @@ print(json.dumps({
     "policy": PreTrainedConfig.get_choice_class("gcdt").__name__,
     "class": get_policy_class("gcdt").__name__,
     "env": EnvConfig.get_choice_class("surrol").__name__,
+    "simulated": "pybullet" in sys.modules,
     "ids": [spec for spec in gymnasium.registry if spec.startswith("surrol/")],
 }))
 """)
@@ -51,6 +52,10 @@ def test_the_policy_type_is_found(discovered):
 
 def test_the_environment_type_is_found(discovered):
     assert discovered["env"] == "SurRoLEnvConfig"
+
+
+def test_nothing_of_this_loads_the_simulation(discovered):
+    assert discovered["simulated"] is False
 
 
 def test_the_environment_ids_are_registered_with_it(discovered):

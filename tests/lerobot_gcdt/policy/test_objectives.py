@@ -7,9 +7,12 @@ import copy
 
 import pytest
 import torch
+from safetensors.torch import load_file, save_file
+from torch import nn
 
-from lerobot_gcdt import GCDTPolicy
+from lerobot_gcdt import GCDTConfig, GCDTPolicy
 from lerobot_gcdt.data.trajectories import Pieces
+from lerobot_gcdt.errors import OptionError
 from lerobot_gcdt.keys import ACHIEVED_GOAL, ACTION, GOAL, STATE, TIME_TO_GOAL
 from lerobot_gcdt.policy import objectives
 from lerobot_gcdt.policy.tokens import ORDER
@@ -48,7 +51,7 @@ def predictions(policy, sequences, objective, monkeypatch, hidden=None):
         seen[key] = steps, head(policy.modules_of(0), states[steps])
         return states.new_zeros(())
 
-    monkeypatch.setattr(objectives, "_mean_error", record)
+    monkeypatch.setattr(objectives, "mean_error", record)
     if hidden is None:
         LOSSES[objective](policy, sequences)
     else:
@@ -167,3 +170,93 @@ def test_a_handful_of_pieces_can_be_learned_by_heart(tiny_config, needle_pick_me
         optimizer.step()
         optimizer.zero_grad()
     assert value.item() < start / 10
+
+
+# An objective of one's own: a loss, heads, and one registration.
+
+
+def inverse_dynamics_loss(policy, sequences):
+    """Which action led from an observation to the next one."""
+    seen = policy.encode(sequences, (STATE,), causal=False)[:, :, 0]
+    going_on = nn.functional.pad(sequences.segment[:, 1:] == sequences.segment[:, :-1], (0, 1)) & sequences.real
+    return objectives.mean_error(policy, sequences, ACTION, seen, going_on, lambda modules, x: modules.inverse_head(x))
+
+
+@pytest.fixture
+def inverse_dynamics():
+    """Its name, registered for one test."""
+    objectives.register_objective(
+        "inverse_dynamics", inverse_dynamics_loss, lambda dims, width: {"inverse_head": nn.Linear(width, dims[2])}
+    )
+    yield "inverse_dynamics"
+    del objectives.OBJECTIVES["inverse_dynamics"]
+
+
+@pytest.fixture
+def saved(tiny_config, needle_pick_meta, tmp_path):
+    """Folder of a checkpoint from before the objective was thought of."""
+    tiny_config.training_stage = "pretrain"
+    GCDTPolicy(tiny_config, dataset_meta=needle_pick_meta).save_pretrained(tmp_path)
+    return tmp_path
+
+
+def with_objective(folder, name):
+    config = GCDTConfig.from_pretrained(folder)
+    config.objectives = {name: 0.5}
+    return config
+
+
+def test_an_objective_of_ones_own_is_learned_beside_the_others(tiny_config, needle_pick_meta, inverse_dynamics):
+    tiny_config.training_stage, tiny_config.objectives = "pretrain", {inverse_dynamics: 0.5}
+    policy = GCDTPolicy(tiny_config, dataset_meta=needle_pick_meta)
+    loss, log = policy.forward({"index": torch.tensor([0, 60])})
+    assert list(log)[-1] == "inverse_dynamics_loss"
+    auxiliary = sum(log[f"{name}_loss"] for name in ("dynamics", "time_to_goal", "reconstruction"))
+    expected = log["action_loss"] + 0.1 * auxiliary + 0.5 * log["inverse_dynamics_loss"]
+    assert loss.item() == pytest.approx(expected, rel=1e-5)
+    loss.backward()
+    assert policy.modules_of(0).inverse_head.weight.grad.abs().max() > 0
+
+
+def test_a_checkpoint_from_before_loads_as_it_is(saved, inverse_dynamics):
+    assert GCDTPolicy.from_pretrained(saved).state_dict().keys() == load_file(saved / "model.safetensors").keys()
+
+
+def test_training_goes_on_from_such_a_checkpoint_with_new_heads(saved, inverse_dynamics, needle_pick_meta, tmp_path):
+    weights = load_file(saved / "model.safetensors")
+    policy = GCDTPolicy.from_pretrained(
+        saved, config=with_objective(saved, inverse_dynamics), dataset_meta=needle_pick_meta
+    )
+    assert all(torch.equal(value, weights[key]) for key, value in policy.state_dict().items() if key in weights)
+    assert "inverse_dynamics_loss" in policy.train().forward({"index": torch.tensor([0])})[1]
+    policy.save_pretrained(tmp_path / "next")
+    again = GCDTPolicy.from_pretrained(tmp_path / "next")
+    assert torch.equal(again.modules_of(0).inverse_head.weight, policy.modules_of(0).inverse_head.weight)
+
+
+@pytest.mark.parametrize("lost", ["dynamics_head", "linear"])
+def test_what_else_such_a_checkpoint_lacks_is_named(saved, inverse_dynamics, lost):
+    weights = load_file(saved / "model.safetensors")
+    missing = [key for key in weights if lost in key]
+    save_file({key: value for key, value in weights.items() if key not in missing}, saved / "model.safetensors")
+    with pytest.raises(ValueError, match=missing[0].replace(".", r"\.")):
+        GCDTPolicy.from_pretrained(saved, config=with_objective(saved, inverse_dynamics))
+
+
+@pytest.mark.parametrize(
+    ("chosen", "told"),
+    [
+        ({"sewing": 0.1}, "'sewing', but there are dynamics, time_to_goal, reconstruction"),
+        ({"dynamics": 0.1}, "policy.dynamics_weight"),
+        ({"inverse_dynamics": -0.1}, "inverse_dynamics must not be negative, got -0.1"),
+    ],
+    ids=["not registered", "has an option of its own", "negative weight"],
+)
+def test_objectives_that_cannot_be_had_are_named(chosen, told, inverse_dynamics):
+    with pytest.raises(OptionError, match=told):
+        GCDTConfig(objectives=chosen, device="cpu", push_to_hub=False)
+
+
+def test_a_name_is_registered_once():
+    with pytest.raises(ValueError, match="'dynamics' already"):
+        objectives.register_objective("dynamics", inverse_dynamics_loss, lambda dims, width: {})

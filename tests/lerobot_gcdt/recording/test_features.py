@@ -8,15 +8,23 @@ import pytest
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
 import surrol_gym
+from lerobot_gcdt.environment.surrol_env import env_class
+from lerobot_gcdt.hub.cards import dataset_card
 from lerobot_gcdt.recording import demonstrations, record
 from lerobot_gcdt.recording.demonstrations import run_episode
 from lerobot_gcdt.recording.features import Extras, describe_columns, time_to_goal, to_columns
-from lerobot_gcdt.recording.openh import cartesian_state, cartesian_state_names
+from lerobot_gcdt.recording.fields import FIELDS, register_field
+from lerobot_gcdt.recording.openh import describe_cartesian_state, observe_cartesian_state
 from surrol_gym.psm.arm import euler_to_matrix, quaternion_to_matrix
 from surrol_gym.units import to_metres
 
 RICH = Extras(["openh"], ["overview", "closeup"], 32)
 STATE, OVERVIEW = "observation.cartesian_state", "observation.images.overview"
+
+
+def names(env_class):
+    """Names of the numbers of ``observation.cartesian_state``."""
+    return list(describe_cartesian_state(env_class)[STATE])
 
 
 @pytest.fixture(params=surrol_gym.TASKS)
@@ -55,12 +63,13 @@ def test_what_is_recorded_beside_changes_nothing_else(env):
 
 
 def test_the_numbers_of_an_arm_have_the_names_and_the_order_of_the_norm():
-    assert cartesian_state_names(1) == [
+    assert names(env_class("surrol/NeedlePick-v0")) == [
         *(f"psm1_pose.position.{axis}" for axis in "xyz"),
         *(f"psm1_pose.orientation.{axis}" for axis in "xyzw"),
         "psm1_jaw",
     ]
-    assert cartesian_state_names(2)[8:] == [name.replace("psm1", "psm2") for name in cartesian_state_names(1)]
+    first, second = np.split(np.array(names(env_class("surrol/NeedleRegrasp-v0"))), 2)
+    assert [name.replace("psm1", "psm2") for name in first] == list(second)
 
 
 def test_the_base_frames_lead_to_the_tips_and_orientations_in_the_world(env):
@@ -68,7 +77,7 @@ def test_the_base_frames_lead_to_the_tips_and_orientations_in_the_world(env):
     expert, observation = surrol_gym.make_expert(env), env.unwrapped.set_state(env.unwrapped.get_state())
     for _ in range(30):
         observation = env.step(expert.act(observation))[0]
-    numbers = cartesian_state(env.unwrapped).reshape(-1, 8)
+    numbers = observe_cartesian_state(env.unwrapped)[STATE].reshape(-1, 8)
     for arm, mount, (*position, x, y, z, w, jaw) in zip(env.unwrapped.arms, env.unwrapped.mounts, numbers, strict=True):
         base = euler_to_matrix((0, 0, mount.base_yaw))
         remote_centre = mount.base_position + base @ (0, 0.4864, 0)
@@ -91,8 +100,46 @@ def test_a_dataset_holds_the_numbers_of_its_episodes(rich_root):
     env = gym.make("surrol/NeedlePick-v0")
     episode = run_episode(env, 0, 0.3, Extras(["openh"]))
     env.close()
-    assert stored.features[STATE]["names"] == cartesian_state_names(1)
+    assert stored.features[STATE]["names"] == names(type(env.unwrapped))
     np.testing.assert_array_equal(np.stack([stored[t][STATE] for t in range(50)]), episode[STATE])
+
+
+# A field of one's own: what it is called, how it is observed, and one registration.
+
+TEMPERATURE = """
+import numpy as np
+from lerobot_gcdt.recording.fields import register_field
+
+register_field(
+    "temperature",
+    lambda env_class: {"observation.temperature": {"room": "of the room (K)"}},
+    lambda env: {"observation.temperature": np.array([300], dtype=np.float32)},
+)
+"""
+
+
+@pytest.fixture
+def thermometer(tmp_path, monkeypatch):
+    """A module on the path that registers a field."""
+    (tmp_path / "thermometer.py").write_text(TEMPERATURE)
+    monkeypatch.syspath_prepend(tmp_path)
+    yield
+    del FIELDS["temperature"]
+
+
+def test_a_field_of_ones_own_is_recorded_and_described(thermometer, tmp_path):
+    root = record("NeedleReach", 1, 0, tmp_path / "reach", extras=Extras(["thermometer:temperature"]))
+    stored = LeRobotDataset("local/reach", root=root, video_backend="pyav")
+    assert stored.features["observation.temperature"]["names"] == ["room"]
+    assert stored[0]["observation.temperature"] == 300
+    card = dataset_card(root)
+    assert "| `observation.temperature`, `room` | of the room (K) | 300 |" in card
+    assert "--fields thermometer:temperature " in card
+
+
+def test_a_name_is_registered_once():
+    with pytest.raises(ValueError, match="'openh' already"):
+        register_field("openh", *vars(FIELDS["openh"]).values())
 
 
 # Films.
@@ -116,7 +163,7 @@ def test_filmed_recordings_go_on_after_an_interruption_without_rendering_again(r
 
     root = tmp_path / "needle_pick"
     with monkeypatch.context() as patch:
-        patch.setattr(demonstrations, "_build_dataset", interrupted)
+        patch.setattr(demonstrations, "build_dataset", interrupted)
         with pytest.raises(KeyboardInterrupt):
             record("NeedlePick", 2, 0, root, 0.3, RICH)
     monkeypatch.setattr(demonstrations, "run_episode", interrupted)
@@ -133,13 +180,14 @@ def test_filmed_recordings_go_on_after_an_interruption_without_rendering_again(r
     ("extras", "named"),
     [
         (Extras(["dvrk"]), "openh"),
-        (Extras(["openh", "openh"]), "openh"),
+        (Extras(["no_module:dvrk"]), "no_module"),
+        (Extras(["openh", "openh"]), "openh, openh"),
         (Extras(cameras=["both_arms"]), "closeup, overview"),
         (Extras(cameras=["overview", "overview"]), "closeup, overview"),
         (Extras(cameras=["overview"], camera_size=33), "33"),
         (Extras(cameras=["overview"], camera_size=0), "0"),
     ],
-    ids=["unknown fields", "fields twice", "no such camera", "camera twice", "odd size", "no size"],
+    ids=["unknown field", "unknown module", "field twice", "no such camera", "camera twice", "odd size", "no size"],
 )
 def test_what_cannot_be_recorded_is_named_and_leaves_no_trace(extras, named, tmp_path):
     with pytest.raises(ValueError, match=named):
