@@ -18,7 +18,7 @@ PICTURES = Path("examples/tasks")
 WIDTH, HEIGHT = 320, 240
 
 
-def table():
+def table() -> str:
     """Returns the table of tasks as Markdown."""
     lines = ["| | id | observation, goal, action | steps | the task |", "| --- | --- | --- | --- | --- |"]
     for task in surrol_gym.TASKS:
@@ -29,7 +29,7 @@ def table():
     return "\n".join(lines) + "\n"
 
 
-def main():
+def main() -> None:
     argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
     (ROOT / PICTURES).mkdir(exist_ok=True)
     for task in surrol_gym.TASKS:

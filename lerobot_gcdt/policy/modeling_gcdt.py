@@ -406,7 +406,7 @@ class GCDTPolicy(PreTrainedPolicy):
         allowed[:, slots] &= torch.ones(len(steps), len(steps), dtype=torch.bool, device=device).tril()
         return allowed[None, None]
 
-    def _check_observation(self, batch: dict[str, Tensor]) -> list[str]:
+    def _check_observation(self, batch: dict[str, Any]) -> list[str]:
         """Returns the task of each row after checking that the policy can act on the batch."""
         needed = (STATE, GOAL, ACHIEVED_GOAL, "task")
         missing = [key for key in needed if key not in batch]

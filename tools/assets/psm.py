@@ -2,6 +2,7 @@
 
 import xml.etree.ElementTree as ET
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -155,7 +156,7 @@ def _jaw_look(folder: Path) -> ET.Element:
     return obj(folder, "psm_jaw", meshes.merge(hub, meshes.loft(blade)))
 
 
-def _jaw(name: str, shape: ET.Element, **inertial) -> tuple[ET.Element, ET.Element]:
+def _jaw(name: str, shape: ET.Element, **inertial: Any) -> tuple[ET.Element, ET.Element]:
     """A jaw on its hinge."""
     hinge = joint(name, "tool_yaw_link", f"{name}_link", (0, 0, 0), (0, 0, 0), (-1, 1))
     return hinge, link(f"{name}_link", shape, **inertial)
