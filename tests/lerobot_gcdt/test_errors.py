@@ -7,7 +7,7 @@ from lerobot_gcdt import GENERALIST
 
 TRAIN = (lerobot_train, "--policy.type=gcdt", "--policy.push_to_hub=false", "--dataset.repo_id=local/x")
 EVALUATE = (lerobot_eval, f"--policy.path={GENERALIST}", "--policy.device=cpu")
-UNKNOWN_TASK = ("--env.task=NeedlePik-v0", "or a comma-separated list of them, got 'NeedlePik-v0'.")
+UNKNOWN_TASK = ("--env.task=NeedlePik-v0", "or name the module that registers it, as in my_module:MyTask.")
 
 
 @pytest.mark.parametrize(

@@ -298,7 +298,7 @@ def test_an_unknown_environment_names_the_known_ones(checkpoint, evaluate, tmp_p
             f"--output_dir={tmp_path / 'eval'}",
         )
     said = errors(raised) + capsys.readouterr().err
-    assert f"{task}-v0" in said and "NeedlePick-v0" in said
+    assert f"{task}-v0" in said and "NeedlePick, PegTransfer" in said
     assert not (tmp_path / "eval").exists()
 
 
