@@ -8,6 +8,7 @@ import argparse
 import os
 import sys
 from pathlib import Path
+from typing import Any
 
 RECORD_EXAMPLE = "example: gcdt record --task NeedlePick --episodes 100 --seed 0 --root datasets/needle_pick"
 RECORD_ALL_EXAMPLE = "all of the published datasets: gcdt record --all --root datasets"
@@ -39,7 +40,7 @@ def main(arguments: list[str] | None = None) -> None:
         sys.exit(f"gcdt {options.command}: {error}")
 
 
-def _add_record(commands) -> None:
+def _add_record(commands: Any) -> None:
     record = commands.add_parser(
         "record",
         help="record demonstrations of a scripted expert as a LeRobot dataset",
@@ -80,7 +81,7 @@ def _add_record(commands) -> None:
     record.set_defaults(run=_record)
 
 
-def _add_import(commands) -> None:
+def _add_import(commands: Any) -> None:
     importing = commands.add_parser(
         "import",
         help="import demonstrations of SurRoL or DEX, or plain arrays, as a LeRobot dataset",
@@ -96,7 +97,7 @@ def _add_import(commands) -> None:
     importing.set_defaults(run=_import)
 
 
-def _add_merge(commands) -> None:
+def _add_merge(commands: Any) -> None:
     merge = commands.add_parser(
         "merge", help="merge the datasets of several tasks into one for cross-task training", epilog=MERGE_EXAMPLE
     )
@@ -105,7 +106,7 @@ def _add_merge(commands) -> None:
     merge.set_defaults(run=_merge)
 
 
-def _add_train(commands) -> None:
+def _add_train(commands: Any) -> None:
     train = commands.add_parser(
         "train",
         help="train a policy with lerobot-train, or go on where that was interrupted",
@@ -130,7 +131,7 @@ def _add_train(commands) -> None:
     train.set_defaults(run=_train)
 
 
-def _add_evaluate(commands) -> None:
+def _add_evaluate(commands: Any) -> None:
     evaluate = commands.add_parser(
         "evaluate",
         help="evaluate trained policies from fresh starts; the episodes are kept beside their checkpoints",
@@ -146,7 +147,7 @@ def _add_evaluate(commands) -> None:
     evaluate.set_defaults(run=_evaluate)
 
 
-def _add_publish(commands) -> None:
+def _add_publish(commands: Any) -> None:
     publish = commands.add_parser(
         "publish", help="publish a dataset or a trained policy, with its card, on the Hub", epilog=PUBLISH_EXAMPLE
     )

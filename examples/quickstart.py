@@ -23,7 +23,7 @@ from lerobot_gcdt.training import loss_curve, train
 FIRST_TEST_SEED = 100_000  # demonstrations count up from 0
 
 
-def main():
+def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--output", type=Path, default=Path("outputs/quickstart"), help="folder of all results")
     parser.add_argument("--task", default="NeedlePick", help="name of the task (default NeedlePick)")

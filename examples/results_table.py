@@ -18,7 +18,7 @@ EPISODES = ROOT / "examples/paper_table/episodes.parquet"
 PAPER = (1.00, 0.95, 1.00, 0.84, 0.74, 0.42, 1.00, 0.48, 0.30, 0.37)  # Fu et al. 2024, table II
 
 
-def table():
+def table() -> str:
     """Returns success rates, reached / held, by task and method as Markdown."""
     episodes = pd.read_parquet(EPISODES)
     rates = episodes.groupby(["method", "task"])[["reached", "held"]].mean()
@@ -31,15 +31,15 @@ def table():
     return "\n".join(lines) + "\n"
 
 
-def _pair(rates):
+def _pair(rates: pd.Series) -> str:
     return f"{_short(rates.reached)} / {_short(rates.held)}"
 
 
-def _short(rate):
+def _short(rate: float) -> str:
     return f"{rate:.2f}".removeprefix("0")
 
 
-def main():
+def main() -> None:
     argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
     write_section(ROOT / "README.md", "results", table())
 

@@ -8,33 +8,28 @@ The pictures show the moment at which the expert is half way to its first succes
 import argparse
 from pathlib import Path
 
-import gymnasium as gym
-
 import surrol_gym
 from lerobot_gcdt.evaluation.pictures import halfway
 from lerobot_gcdt.hub.documents import write_section
+from surrol_gym.registry import env_class, task_spec
 
 ROOT = Path(__file__).parent.parent
 PICTURES = Path("examples/tasks")
 WIDTH, HEIGHT = 320, 240
 
 
-def table():
+def table() -> str:
     """Returns the table of tasks as Markdown."""
     lines = ["| | id | observation, goal, action | steps | the task |", "| --- | --- | --- | --- | --- |"]
     for task in surrol_gym.TASKS:
-        env = gym.make(f"surrol/{task}-v0")
-        bare = env.unwrapped
-        sizes = f"{len(bare.observation_names)}, {len(bare.goal_names)}, {len(bare.action_names)}"
+        env, spec = env_class(task), task_spec(task)
+        sizes = f"{len(env.observation_names)}, {len(env.goal_names)}, {len(env.action_names)}"
         picture = f"![{task}]({PICTURES.as_posix()}/{task}.png)"
-        lines.append(
-            f"| {picture} | `surrol/{task}-v0` | {sizes} | {env.spec.max_episode_steps} | {bare.task_description} |"
-        )
-        env.close()
+        lines.append(f"| {picture} | `{spec.id}` | {sizes} | {spec.max_episode_steps} | {env.task_description} |")
     return "\n".join(lines) + "\n"
 
 
-def main():
+def main() -> None:
     argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
     (ROOT / PICTURES).mkdir(exist_ok=True)
     for task in surrol_gym.TASKS:

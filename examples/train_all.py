@@ -28,7 +28,7 @@ STARTS = {"pretrain": None, "generalist": "pretrain"} | dict.fromkeys(surrol_gym
 """The stages in their order, each with the one that it begins with."""
 
 
-def main():
+def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--datasets", type=Path, default=Path("datasets"), help="folder of the datasets")
     parser.add_argument("--output", type=Path, default=Path("outputs/all"), help="folder of the trainings")

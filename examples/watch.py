@@ -13,7 +13,7 @@ from lerobot_gcdt.evaluation import load_policy
 from lerobot_gcdt.evaluation.pictures import film
 
 
-def main():
+def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--task", default="PegTransfer", choices=surrol_gym.TASKS, metavar="TASK")
     parser.add_argument("--policy", default=str(GENERALIST), help="folder or repository of a checkpoint")

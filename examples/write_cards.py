@@ -34,7 +34,7 @@ datasets --write_manifest` writes the manifest anew. `gcdt publish` writes the c
 """
 
 
-def cards():
+def cards() -> dict[str, str]:
     """Returns the text of every file by its name."""
     manifest = json.loads(MANIFEST.read_text())
     facts = manifest | {CROSS_TASK: {"merged_from": list(manifest.values())}}
@@ -42,7 +42,7 @@ def cards():
     return texts | {"README.md": INDEX.format(cards=_index(facts))}
 
 
-def _index(facts):
+def _index(facts: dict[str, dict]) -> str:
     rows = []
     for name, of in facts.items():
         parts = recordings(of)
@@ -52,7 +52,7 @@ def _index(facts):
     return table(["card", "episodes", "frames", "successful attempts", "steps to the first success"], rows)
 
 
-def main():
+def main() -> None:
     argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
     for name, text in cards().items():
         (CARDS / name).write_text(text)

@@ -6,6 +6,7 @@ is installed; policies are trained and loaded without it.
 
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 from lerobot_gcdt.baselines.modeling_bc import BCPolicy
 from lerobot_gcdt.policy.configuration_gcdt import GCDTConfig
@@ -23,7 +24,7 @@ if find_spec("pybullet"):  # which is loaded when an environment is made, not be
     __all__ += ["SurRoLEnvConfig"]
 
 
-def __getattr__(name):
+def __getattr__(name: str) -> Any:
     if name == "SurRoLEnvConfig":
         raise ImportError("The environment type surrol needs PyBullet, which is not installed: `pip install pybullet`.")
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

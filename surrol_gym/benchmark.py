@@ -56,10 +56,10 @@ def measure(task: str, episodes: int) -> dict[str, float]:
     env_id = surrol_gym.find_task(task)
     env = gym.make(env_id, render_mode="rgb_array")
     expert = surrol_gym.make_expert(env)
-    world = env.unwrapped.world
+    world = env.get_wrapper_attr("world")
     simulate, simulated = world.step, []
 
-    def timed_simulate(count):
+    def timed_simulate(count: int) -> None:
         start = time.process_time()
         simulate(count)
         simulated.append((count, time.process_time() - start))
@@ -96,7 +96,7 @@ def measure(task: str, episodes: int) -> dict[str, float]:
                 per_second,
                 per_second / ORIGINAL.get(task_name(env_id), (np.nan,))[0],
                 sum(steps) / bare,
-                1e3 * np.median(resets),
+                1e3 * float(np.median(resets)),
                 renders,
                 vector_steps,
                 memory,

@@ -13,6 +13,9 @@ from pybullet_utils.bullet_client import BulletClient
 
 from surrol_gym.units import SCALING
 
+Vector = Sequence[float] | np.ndarray
+"""What PyBullet takes for a position, an orientation or the positions of joints."""
+
 ASSETS = Path(__file__).parent / "assets"
 TIME_STEP = 1 / 240
 """Duration of one sub-step, seconds (docs/simulator.md#sub-steps)."""
@@ -42,10 +45,10 @@ class Prop:
     """
 
     file_name: str
-    position: tuple[float, float, float]
+    position: tuple[float, ...]
     yaw: float
-    pose: Callable | None = None
-    joints: Callable | None = None
+    pose: Callable[[], tuple[Vector, Vector]] | None = None
+    joints: Callable[[], Sequence[float]] | None = None
 
 
 class World:
@@ -65,7 +68,9 @@ class World:
         # it forgets them depends on all that happened before.
         self.client.resetSimulation(pybullet.RESET_USE_SIMPLE_BROADPHASE)
         self.props: list[Prop] = []
-        self._moving, self._fixed, self._parked = [], set(), set()
+        self._moving: list[tuple[int, range, bool]] = []
+        self._fixed: set[int] = set()
+        self._parked: set[int] = set()
         self.client.setGravity(0, 0, -9.81)
         self.client.setPhysicsEngineParameter(
             fixedTimeStep=TIME_STEP,
@@ -81,7 +86,7 @@ class World:
     def load(
         self,
         file_name: str,
-        position: Sequence[float] = (0, 0, 0),
+        position: Vector = (0, 0, 0),
         yaw: float = 0.0,
         fixed: bool = True,
         sleeps: bool = True,
@@ -134,22 +139,22 @@ class World:
     def draw(
         self,
         file_name: str,
-        position: Sequence[float] = (0, 0, 0),
+        position: Vector = (0, 0, 0),
         yaw: float = 0.0,
-        pose: Callable | None = None,
-        joints: Callable | None = None,
+        pose: Callable[[], tuple[Vector, Vector]] | None = None,
+        joints: Callable[[], Sequence[float]] | None = None,
     ) -> None:
         """Adds something to the pictures that the simulation knows nothing of; see ``Prop`` for the arguments."""
         self.props.append(Prop(file_name, tuple(position), yaw, pose, joints))
 
-    def place(self, body: int, position: Sequence[float], orientation: Sequence[float] = (0, 0, 0, 1)) -> None:
+    def place(self, body: int, position: Vector, orientation: Vector = (0, 0, 0, 1)) -> None:
         """Moves a body's centre-of-mass frame to a pose, stops it and wakes it up."""
         self._parked.discard(body)
         self.client.resetBasePositionAndOrientation(body, position, orientation)
         self.client.resetBaseVelocity(body, (0, 0, 0), (0, 0, 0))
         self.client.changeDynamics(body, -1, activationState=_WAKE_UP)
 
-    def lay(self, body: int, position: Sequence[float], orientation: Sequence[float] = (0, 0, 0, 1)) -> None:
+    def lay(self, body: int, position: Vector, orientation: Vector = (0, 0, 0, 1)) -> None:
         """Moves a body's centre-of-mass frame to a pose in which it rests, and lets it sleep there."""
         self.place(body, position, orientation)
         self.client.changeDynamics(body, -1, activationState=_SLEEP)
@@ -164,9 +169,7 @@ class World:
         position, orientation = self.client.getBasePositionAndOrientation(body)
         return np.array(position), np.array(orientation)
 
-    def frame(
-        self, body: int, position: Sequence[float], orientation: Sequence[float] = (0, 0, 0, 1)
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def frame(self, body: int, position: Vector, orientation: Vector = (0, 0, 0, 1)) -> tuple[np.ndarray, np.ndarray]:
         """Returns where a frame fixed to a body is.
 
         Args:

@@ -52,7 +52,7 @@ def register_task(
         raise ValueError(f"{env_id} is registered already; give the class of {where} another name, or a version.")
     gym.register(
         env_id,
-        env_class,
+        env_class,  # type: ignore[arg-type]  # Gymnasium declares classes that take any keyword argument
         max_episode_steps=max_episode_steps,
         additional_wrappers=(RestorableTimeLimit.wrapper_spec(),),
     )

@@ -23,6 +23,12 @@ def test_the_checks_run_the_readmes_test_command():
         assert TESTS in (ROOT / name).read_text().splitlines()
 
 
+def test_the_checks_run_every_command_that_contributors_are_told():
+    block = (ROOT / "CONTRIBUTING.md").read_text().split("```")[1].removeprefix("bash\n")
+    told = {command for line in block.splitlines() for command in line.partition("#")[0].strip().split(" && ")}
+    assert told <= {c for line in (ROOT / ".ci/run").read_text().splitlines() for c in line.split(" && ")}
+
+
 def test_hosted_machines_run_the_checks_on_every_python_that_lerobot_supports(jobs):
     assert commands(jobs["checks"]) == [".ci/run"]
     assert jobs["checks"]["strategy"]["matrix"]["python"] == ["3.12", "3.13"]

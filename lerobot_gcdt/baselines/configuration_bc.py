@@ -33,7 +33,7 @@ class BCConfig(SingleFrames):
     task_dims: dict[str, list[int]] = field(default_factory=dict)
     optimizer_lr: float = 1e-3
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         super().__post_init__()
         if self.frames_per_sample < 1:
             raise OptionError(f"policy.frames_per_sample must be positive, got {self.frames_per_sample}.")

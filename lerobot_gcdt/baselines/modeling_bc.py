@@ -1,8 +1,10 @@
 """Behavioural cloning with a perceptron: the baseline that a sequence model has to beat."""
 
 import itertools
+from collections.abc import Iterator
 
 import torch
+from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
 from lerobot.policies.pretrained import PreTrainedPolicy
 from torch import Tensor, nn
 
@@ -30,7 +32,12 @@ class BCPolicy(PreTrainedPolicy):
     config_class = BCConfig
     name = "bc"
 
-    def __init__(self, config: BCConfig, dataset_stats=None, dataset_meta=None):
+    def __init__(
+        self,
+        config: BCConfig,
+        dataset_stats: dict | None = None,
+        dataset_meta: LeRobotDatasetMetadata | None = None,
+    ):
         super().__init__(config)
         self._bank: TrajectoryBank | None = None
         if dataset_meta is not None:
@@ -98,7 +105,7 @@ class BCPolicy(PreTrainedPolicy):
     def reset(self) -> None:
         """Does nothing: there is no memory."""
 
-    def get_optim_params(self):
+    def get_optim_params(self) -> Iterator[nn.Parameter]:
         """Returns all parameters."""
         return self.parameters()
 

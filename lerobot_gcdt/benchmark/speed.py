@@ -8,6 +8,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import torch
 from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
@@ -24,7 +25,7 @@ BATCH, WINDOW = 8, 50
 """Episodes of a training step; steps of context in the comparison with LeRobot's loader."""
 
 
-def main():
+def main() -> None:
     """Prints the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--root", type=Path, help="folder of a dataset; by default ten episodes are recorded")
@@ -54,14 +55,14 @@ def measure(root: Path, device: str, context_length: int, rounds: int = 10) -> l
     policy = GCDTPolicy(config, dataset_meta=meta).train()
     policy.to(device)
     optimizer = torch.optim.AdamW(policy.get_optim_params(), lr=1e-4)
-    index = torch.randint(len(policy._bank), (BATCH,), generator=torch.Generator().manual_seed(0))
+    index = torch.randint(len(policy.bank), (BATCH,), generator=torch.Generator().manual_seed(0))
     sequences = policy._draw(index.to(device), context_length)
     kinds = len(ORDER) if context_length > 1 else len(ORDER) - 1
     r, s = sequences.segment.shape
     mask = policy._attention_mask(sequences, kinds, context_length, causal=True)
 
-    def step(loss: Callable[[], torch.Tensor], dtype: str = "auto"):
-        def run():
+    def step(loss: Callable[[], torch.Tensor], dtype: str = "auto") -> Callable[[], None]:
+        def run() -> None:
             config.dtype = dtype
             loss().backward()
             optimizer.step()
@@ -69,12 +70,12 @@ def measure(root: Path, device: str, context_length: int, rounds: int = 10) -> l
 
         return run
 
-    def bare():
+    def bare() -> torch.Tensor:
         tokens = torch.randn(r, s * kinds, config.width, device=device)
         with policy._training_precision():
             return policy.transformer(tokens, mask.to(policy._compute_dtype())).square().mean()
 
-    def whole():
+    def whole() -> torch.Tensor:
         return policy.forward({"index": index})[0]
 
     windows = _windows(root, meta, device)
@@ -140,7 +141,7 @@ def _once(action: Callable, device: str = "cpu") -> float:
 def _inference(policy: GCDTPolicy, device: str, rounds: int) -> tuple[float, float]:
     """Fastest times of ``select_action`` at steps 1 and 100 of one episode, seconds, on one core."""
     sentence, (state, goal, _) = next(iter(policy.config.task_dims.items()))
-    batch = {
+    batch: dict[str, Any] = {
         STATE: torch.zeros(1, state, device=device),
         GOAL: torch.zeros(1, goal, device=device),
         ACHIEVED_GOAL: torch.zeros(1, goal, device=device),

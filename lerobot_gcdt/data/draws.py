@@ -21,9 +21,10 @@ def combine(*keys: Tensor | int) -> Tensor:
     Returns:
         An int64 tensor of the broadcast shape.
     """
-    mixed = 0
-    for key in keys:
-        mixed = _mix(mixed + torch.as_tensor(key))
+    first, *others = map(torch.as_tensor, keys)
+    mixed = _mix(first)
+    for key in others:
+        mixed = _mix(mixed + key)
     return mixed
 
 

@@ -8,6 +8,7 @@ and metadata without a note are refused.
 
 import functools
 from collections.abc import Callable
+from typing import Any
 
 from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
@@ -39,12 +40,12 @@ def opened_episodes(meta: LeRobotDatasetMetadata) -> list[int] | None:
     return note
 
 
-def _note_when_opened(kind: type, note: Callable) -> None:
+def _note_when_opened(kind: Any, note: Callable) -> None:
     """Lets objects of a class note something once they are made."""
     original = kind.__init__
 
     @functools.wraps(original)
-    def __init__(self, *args, **kwargs):
+    def __init__(self: Any, *args: Any, **kwargs: Any) -> None:
         original(self, *args, **kwargs)
         note(self)
 

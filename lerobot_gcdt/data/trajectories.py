@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -93,7 +94,7 @@ class Sequences:
         return self.segment >= 0
 
     @cached_property
-    def by_task(self) -> dict[int, tuple[Tensor, Tensor]]:
+    def by_task(self) -> dict[int, tuple[Tensor, ...]]:
         """Positions of the real steps of each task present, as indices into (R, S)."""
         present = self.task[self.real].unique().tolist()
         return {i: torch.nonzero(self.real & (self.task == i), as_tuple=True) for i in present}
@@ -337,8 +338,8 @@ def _pack(lengths: list[int], device: torch.device) -> tuple[Tensor, Tensor]:
     capacity = max(lengths)
     if min(lengths) == capacity:
         shape = len(lengths), capacity
-        segment = torch.arange(len(lengths), device=device)[:, None].expand(shape)
-        return segment, torch.arange(capacity, device=device).expand(shape)
+        number, step = (torch.arange(size, device=device) for size in shape)
+        return number[:, None].expand(shape), step.expand(shape)
     rows: list[list[int]] = []
     room: list[int] = []
     for i in sorted(range(len(lengths)), key=lambda i: -lengths[i]):
@@ -350,9 +351,9 @@ def _pack(lengths: list[int], device: torch.device) -> tuple[Tensor, Tensor]:
         room[row] -= lengths[i]
     segment = np.full((len(rows), capacity), -1)
     offset = np.zeros((len(rows), capacity), dtype=np.int64)
-    for r, row in enumerate(rows):
+    for r, packed in enumerate(rows):
         start = 0
-        for i in row:
+        for i in packed:
             segment[r, start : start + lengths[i]] = i
             offset[r, start : start + lengths[i]] = np.arange(lengths[i])
             start += lengths[i]
@@ -373,7 +374,7 @@ def _check_complete(column: dict[str, Tensor], root: Path) -> None:
         )
 
 
-def to_array(column) -> np.ndarray:
+def to_array(column: Any) -> np.ndarray:
     """A parquet column as an array: (N,) for scalars, (N, size) for lists."""
     array = column.combine_chunks()
     if hasattr(array, "flatten") and str(array.type).startswith(("list", "fixed_size_list", "large_list")):

@@ -1,6 +1,7 @@
 """The SurRoL tasks as LeRobot's environment type ``surrol``."""
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -12,6 +13,7 @@ from lerobot.processor.pipeline import ObservationProcessorStep, ProcessorStepRe
 
 from lerobot_gcdt.errors import OptionError
 from lerobot_gcdt.keys import ACHIEVED_GOAL, ACTION, ENVIRONMENT_STATE, GOAL, STATE, image_key
+from surrol_gym.envs.psm_env import PSMEnv
 from surrol_gym.registry import NAMESPACE, env_class, find_task
 
 
@@ -24,14 +26,16 @@ class CameraPictures(gym.ObservationWrapper):
         size: Width and height, pixels.
     """
 
+    unwrapped: PSMEnv
+
     def __init__(self, env: gym.Env, cameras: list[str], size: int):
         super().__init__(env)
         self._cameras, self._size = cameras, size
         picture = gym.spaces.Box(0, 255, (size, size, 3), np.uint8)
         pixels = gym.spaces.Dict(dict.fromkeys(cameras, picture))
-        self.observation_space = gym.spaces.Dict({**env.observation_space.spaces, "pixels": pixels})
+        self.observation_space = gym.spaces.Dict({**self.unwrapped.observation_space.spaces, "pixels": pixels})
 
-    def observation(self, observation):
+    def observation(self, observation: dict[str, Any]) -> dict[str, Any]:
         """Adds the pictures of this moment."""
         picture = self.unwrapped.picture
         return observation | {"pixels": {camera: picture(camera, self._size, self._size) for camera in self._cameras}}
@@ -45,14 +49,14 @@ class SurRoLObservations(ObservationProcessorStep):
     own policies look for it.
     """
 
-    def observation(self, observation):
+    def observation(self, observation: dict[str, Any]) -> dict[str, Any]:
         """Renames ``observation.observation`` and ``observation.desired_goal``."""
         renamed = dict(observation)
         renamed[STATE] = renamed.pop("observation.observation")
         renamed[GOAL] = renamed[ENVIRONMENT_STATE] = renamed.pop("observation.desired_goal")
         return renamed
 
-    def transform_features(self, features):
+    def transform_features(self, features: dict) -> dict:
         """Features of the environment configuration already have their final names."""
         return features
 
@@ -86,7 +90,7 @@ class SurRoLEnvConfig(EnvConfig):
     cameras: str = ""
     camera_size: int = 128
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for task in self._tasks():
             try:
                 has = sorted(env_class(task).cameras)
@@ -139,7 +143,7 @@ class SurRoLEnvConfig(EnvConfig):
             for env_id in ids
         }
 
-    def get_env_processors(self):
+    def get_env_processors(self) -> tuple[PolicyProcessorPipeline, PolicyProcessorPipeline]:
         """Returns the pipelines that rename the observations and leave the actions alone."""
         return PolicyProcessorPipeline(steps=[SurRoLObservations()]), PolicyProcessorPipeline(steps=[])
 
@@ -150,7 +154,7 @@ class SurRoLEnvConfig(EnvConfig):
         return [camera.strip() for camera in self.cameras.split(",") if camera.strip()]
 
     def _create(self, env_id: str, n_envs: int, use_async_envs: bool) -> gym.vector.VectorEnv:
-        def make():
+        def make() -> gym.Env:
             env = gym.make(env_id, disable_env_checker=True, **self.gym_kwargs)
             return CameraPictures(env, self._cameras(), self.camera_size) if self.cameras else env
 

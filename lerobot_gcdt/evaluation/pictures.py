@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -14,11 +15,12 @@ from tqdm import tqdm
 import surrol_gym
 from lerobot_gcdt.evaluation.rollout import rollout
 from surrol_gym.envs.goal_env import GoalEnv
+from surrol_gym.envs.psm_env import unwrapped
 
 REACHED, MISSED = "#1a7f5a", "#c0392b"
 
 
-def film(policy, task: str, seeds: Iterable[int], path: str | Path, size: int = 384) -> list[bool]:
+def film(policy: Any, task: str, seeds: Iterable[int], path: str | Path, size: int = 384) -> list[bool]:
     """Films a policy, one episode after the other, at twice the speed of the simulation.
 
     Args:
@@ -35,7 +37,11 @@ def film(policy, task: str, seeds: Iterable[int], path: str | Path, size: int = 
     frames, ended_well = [], []
     for seed in tqdm(list(seeds), desc="Filming", unit="episode"):
         pictures: list[np.ndarray] = []
-        success, _ = rollout(policy, task, [seed], lambda envs, own=pictures: own.append(envs.render()[0]), **look)
+
+        def watch(envs: gym.vector.SyncVectorEnv, own: list = pictures) -> None:
+            own.append(envs.render()[0])
+
+        success, _ = rollout(policy, task, [seed], watch, **look)
         succeeded = [False, *success[:, 0]]
         captioned = [
             _caption(picture, f"{task}, seed {seed}, step {t}", succeeded[t]) for t, picture in enumerate(pictures)
@@ -68,7 +74,7 @@ def halfway(task: str, width: int = 320, height: int = 240) -> Image.Image:
     env.reset(seed=0)
     for action in actions[: len(actions) // 2]:
         env.step(action)
-    picture = Image.fromarray(env.unwrapped.picture("closeup", 2 * width, 2 * height))
+    picture = Image.fromarray(unwrapped(env).picture("closeup", 2 * width, 2 * height))
     env.close()
     return picture.resize((width, height), Image.Resampling.LANCZOS)
 
@@ -132,6 +138,6 @@ def _caption(picture: np.ndarray, text: str, success: bool) -> np.ndarray:
     return np.asarray(image)
 
 
-def _save(figure, path: str | Path) -> Path:
+def _save(figure: Figure, path: str | Path) -> Path:
     figure.savefig(path, dpi=130)
     return Path(path)

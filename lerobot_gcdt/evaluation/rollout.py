@@ -1,6 +1,7 @@
 """Evaluation: policies, tasks and seeds in, one row an episode out."""
 
 from collections.abc import Callable, Iterable
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -18,7 +19,7 @@ from surrol_gym.registry import find_task, task_name, task_spec
 
 
 def evaluate(
-    policy,
+    policy: Any,
     tasks: Iterable[str],
     seeds: Iterable[int],
     batch_size: int = 25,
@@ -77,7 +78,11 @@ def _rows(task: str, seeds: list[int], success: np.ndarray, last: dict[str, np.n
 
 
 def rollout(
-    policy, task: str, seeds: list[int], watch: Callable[[gym.vector.VectorEnv], None] | None = None, **options
+    policy: Any,
+    task: str,
+    seeds: list[int],
+    watch: Callable[[gym.vector.SyncVectorEnv], None] | None = None,
+    **options: Any,
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Runs one episode a seed, side by side, to the time limit.
 
@@ -100,9 +105,11 @@ def rollout(
             "pass lerobot_gcdt.evaluation.load_policy(its checkpoint), which adds its processors."
         )
     env_id = find_task(task)
+    limit = task_spec(env_id).max_episode_steps
+    assert limit is not None  # every task is registered with one
     pictures = getattr(getattr(policy, "config", None), "image_features", {})
 
-    def make():
+    def make() -> gym.Env:
         env = gym.make(env_id, disable_env_checker=True, **options)
         if not pictures:
             return env
@@ -112,10 +119,10 @@ def rollout(
     envs = gym.vector.SyncVectorEnv([make] * len(seeds))
     try:
         sentence = envs.get_attr("task_description")[0]
-        observation, _ = envs.reset(seed=seeds)
+        observation, _ = envs.reset(seed=[*seeds])
         policy.reset()
         success = []
-        for _ in range(task_spec(env_id).max_episode_steps):
+        for _ in range(limit):
             if watch:
                 watch(envs)
             with torch.no_grad():
@@ -129,12 +136,12 @@ def rollout(
     return np.stack(success), observation
 
 
-def _normalises(config) -> bool:
+def _normalises(config: Any) -> bool:
     """Whether a policy leaves normalisation to its processors."""
     return any(mode is not NormalizationMode.IDENTITY for mode in config.normalization_mapping.values())
 
 
-def observation_batch(policy, observation: dict[str, np.ndarray], sentence: str) -> dict:
+def observation_batch(policy: Any, observation: dict[str, np.ndarray], sentence: str) -> dict:
     """Turns a batched observation of a ``surrol/`` environment into what LeRobot's policies take.
 
     Args:

@@ -333,7 +333,7 @@ def _limits(parts: list[dict]) -> list[str]:
             "those of this package, in which policies are evaluated."
         )
     failed = {task_of(part): 1 - part["episodes"] / part["attempts"] for part in parts}
-    worst = max(failed, key=failed.get)
+    worst = max(failed, key=failed.__getitem__)
     if failed[worst]:
         limits.append(
             f"{_percent(failed[worst])} of the attempts{f' at {worst}' if len(parts) > 1 else ''} failed and are not "

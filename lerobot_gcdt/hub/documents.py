@@ -28,4 +28,4 @@ def _split(file: Path, name: str) -> tuple[str, str, str]:
     parts = re.fullmatch(rf"(.*<!-- {name}: [^\n]*-->\n)(.*)(<!-- end of {name} -->.*)", file.read_text(), re.DOTALL)
     if parts is None:
         raise ValueError(f"{file} has no section <!-- {name}: ... --> that ends with <!-- end of {name} -->.")
-    return parts.groups()
+    return parts[1], parts[2], parts[3]

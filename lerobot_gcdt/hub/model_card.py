@@ -9,6 +9,7 @@ import inspect
 import json
 import shlex
 import subprocess
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 
@@ -105,7 +106,7 @@ def model_card(checkpoint: Path, repo_id: str | None = None) -> str:
     return CARD.format(
         data=_metadata(repo_id, policy, config["dataset"]["repo_id"], table).to_yaml(),
         title=repo_id.split("/")[-1],
-        description=inspect.getdoc(policy_class).splitlines()[0].removesuffix("."),
+        description=(inspect.getdoc(policy_class) or "").partition("\n")[0].removesuffix("."),
         tasks="\n".join(f'* {task}: "{sentence}"' for task, sentence in known.items()),
         success=_success(table),
         data_name=config["dataset"]["repo_id"] + (f" at {revision}" if revision else ""),
@@ -279,9 +280,9 @@ def _commit() -> str | None:
     """The commit that this package is checked out at, marked where files differ from it; None for an installed one."""
     tracked = ["git", "ls-files", "--error-unmatch", "."]  # an installed package may lie in a foreign repository
     describe = ["git", "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"]
-    options = {"cwd": Path(__file__).parent, "capture_output": True, "check": True, "text": True}
+    run = partial(subprocess.run, cwd=Path(__file__).parent, capture_output=True, check=True, text=True)
     try:
-        subprocess.run(tracked, **options)
-        return subprocess.run(describe, **options).stdout.strip()
+        run(tracked)
+        return run(describe).stdout.strip()
     except (OSError, subprocess.CalledProcessError):
         return None

@@ -140,7 +140,8 @@ def _send(parcel: Parcel, repo_id: str, private: bool, revision_tag: str | None)
         present = api.repo_info(repo_id, repo_type=parcel.kind)
     except RepositoryNotFoundError:
         present = None
-    published = {file.rfilename for file in present.siblings} if present else set()
+    # Of a model or a dataset the files are always told.
+    published = {file.rfilename for file in present.siblings} if present else set()  # type: ignore[union-attr]
     if present and private and not present.private:
         raise ValueError(f"{repo_id} exists and is public; make it private in its settings, or leave out --private.")
     if parcel.kind == "dataset" and INFO_FILE in published:

@@ -88,7 +88,7 @@ class GCDTConfig(SingleFrames):
     scheduler_warmup_steps: int = 5_000
     scheduler_decay_steps: int = 100_000
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         super().__post_init__()
         for name in (*SIZES, "context_length", "auxiliary_context_length"):
             if getattr(self, name) < 1:

@@ -1,8 +1,10 @@
 """The goal-conditioned decision transformer as a LeRobot policy (Fu et al., ICRA 2024, arXiv 2405.18757)."""
 
 from dataclasses import dataclass
+from typing import Any, cast
 
 import torch
+from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
 from lerobot.policies.pretrained import PreTrainedPolicy
 from safetensors import safe_open
 from torch import Tensor, nn
@@ -57,7 +59,12 @@ class GCDTPolicy(PreTrainedPolicy):
     config_class = GCDTConfig
     name = "gcdt"
 
-    def __init__(self, config: GCDTConfig, dataset_stats=None, dataset_meta=None):
+    def __init__(
+        self,
+        config: GCDTConfig,
+        dataset_stats: dict | None = None,
+        dataset_meta: LeRobotDatasetMetadata | None = None,
+    ):
         super().__init__(config)
         self._bank: TrajectoryBank | None = None
         dataset_tasks = self._read_dataset(dataset_meta) if dataset_meta is not None else []
@@ -79,12 +86,25 @@ class GCDTPolicy(PreTrainedPolicy):
         self.transformer = Transformer(config.layers, config.heads, config.width, config.inner_width, config.dropout)
         for i, task in enumerate(dataset_tasks):
             # Goals and times are standardised as training sees them, relabelled.
-            pieces = self._bank.pieces(self._bank.training_starts(i), 1)
-            seen = self._bank.sequences(pieces, self._bank.draw_cuts(pieces, config.hindsight_ratio))
+            pieces = self.bank.pieces(self.bank.training_starts(i), 1)
+            seen = self.bank.sequences(pieces, self.bank.draw_cuts(pieces, config.hindsight_ratio))
             self.modules_of(task).fit({key: value[:, 0] for key, value in seen.items.items()})
         self.reset()
 
     # Training.
+
+    @property
+    def bank(self) -> TrajectoryBank:
+        """The trajectories of the dataset.
+
+        Raises:
+            RuntimeError: The policy was made without a dataset.
+        """
+        if self._bank is None:
+            raise RuntimeError(
+                "This policy was made for inference; to train it on frames, pass dataset_meta to its constructor."
+            )
+        return self._bank
 
     def forward(self, batch: dict[str, Tensor], reduction: str = "mean") -> tuple[Tensor, dict[str, float]]:
         """Computes the loss of a batch of frames, or of a batch of windows.
@@ -115,12 +135,8 @@ class GCDTPolicy(PreTrainedPolicy):
         windows = STATE in batch and batch[STATE].ndim == 3
         if windows:
             sequences = Sequences.of_windows(batch, {task: self.config.task_dims[task] for task in self._task_order})
-        elif self._bank is None:
-            raise RuntimeError(
-                "This policy was made for inference; to train it on frames, pass dataset_meta to its constructor."
-            )
         else:
-            bank = self._bank.to(index.device)
+            bank = self.bank.to(index.device)
             length = self.config.context_length
             sequences = self._draw(index, length) if self.training else bank.sequences(bank.pieces(index, length))
         with self._training_precision():
@@ -181,7 +197,8 @@ class GCDTPolicy(PreTrainedPolicy):
 
     def modules_of(self, task: int | str) -> TaskModules:
         """Returns tokenizers and heads of a task, by its sentence or its index in sequences."""
-        return self.tasks[self._module_names[self._task_order[task] if isinstance(task, int) else task]]
+        name = self._module_names[self._task_order[task] if isinstance(task, int) else task]
+        return cast(TaskModules, self.tasks[name])
 
     # Inference.
 
@@ -224,12 +241,12 @@ class GCDTPolicy(PreTrainedPolicy):
                 STATE: batch[STATE].float(),
             }
             now = [key for key in ORDER if key != ACTION]
-            new = [self._step_tokens(now, items, history.step)]
+            new = [self._step_tokens(tasks, now, items, history.step)]
             steps = [history.step] * len(now)
             if history.last_action is not None and self.config.context_length > 1:
-                new.insert(0, self._step_tokens([ACTION], {ACTION: history.last_action}, history.step - 1))
+                new.insert(0, self._step_tokens(tasks, [ACTION], {ACTION: history.last_action}, history.step - 1))
                 steps.insert(0, history.step - 1)
-            hidden = self.transformer(torch.cat(new, 1), self._remember_tokens(steps), history.caches)
+            hidden = self.transformer(torch.cat(new, 1), self._remember_tokens(history, steps), history.caches)
             rows = {task: [i for i, t in enumerate(tasks) if t == task] for task in dict.fromkeys(tasks)}
             action = self._act(hidden[:, -1], {task: (torch.tensor(i, device=device),) for task, i in rows.items()})
         history.last_action = action
@@ -240,14 +257,14 @@ class GCDTPolicy(PreTrainedPolicy):
         """Returns ``select_action`` as a chunk of one step, shape (B, 1, A)."""
         return self.select_action(batch)[:, None]
 
-    def get_optim_params(self):
+    def get_optim_params(self) -> list[dict[str, Any]]:
         """Returns all parameters, to be updated by PyTorch's fused optimiser."""
         return [{"params": list(self.parameters()), "fused": True}]
 
     # Details.
 
     @classmethod
-    def _load_as_safetensor(cls, model, model_file: str, map_location: str, strict: bool):
+    def _load_as_safetensor(cls, model: "GCDTPolicy", model_file: str, map_location: str, strict: bool) -> "GCDTPolicy":
         with safe_open(model_file, "pt") as file:
             saved = set(file.keys())
         own = set(model.state_dict())
@@ -261,7 +278,7 @@ class GCDTPolicy(PreTrainedPolicy):
                 _, task, module, *_ = key.split(".")
                 if task not in known_tasks or module in further - known_modules:
                     new.add(key)
-        problem = sorted(saved ^ (own - new))
+        problem: list[str] | RuntimeError = sorted(saved ^ (own - new))
         if not problem:
             try:
                 return super()._load_as_safetensor(model, model_file, map_location, strict)
@@ -273,7 +290,7 @@ class GCDTPolicy(PreTrainedPolicy):
             f"width={config.width}, task_dims={config.task_dims}): {problem}"
         )
 
-    def _read_dataset(self, meta) -> list[str]:
+    def _read_dataset(self, meta: LeRobotDatasetMetadata) -> list[str]:
         """Loads the trajectories and adds the dataset's tasks to the configuration; returns them by index."""
         self._bank = TrajectoryBank.of(meta, self.config.device)
         tasks = list(meta.tasks.sort_values("task_index").index)
@@ -293,8 +310,8 @@ class GCDTPolicy(PreTrainedPolicy):
 
     def _draw(self, index: Tensor, length: int, count: int | None = None) -> Sequences:
         """Draws relabelled pieces for training, by the number of the step and the frames of a batch."""
-        pieces = self._bank.draw_pieces(index, length, self.training_step, count)
-        return self._bank.sequences(pieces, self._bank.draw_cuts(pieces, self.config.hindsight_ratio))
+        pieces = self.bank.draw_pieces(index, length, self.training_step, count)
+        return self.bank.sequences(pieces, self.bank.draw_cuts(pieces, self.config.hindsight_ratio))
 
     def _make_modules(self, dims: list[int]) -> TaskModules:
         modules = TaskModules(dims, self.config.width, self.config.relative_goal)
@@ -340,12 +357,12 @@ class GCDTPolicy(PreTrainedPolicy):
         mask = torch.zeros(r, 1, s * kinds, s * kinds, device=segment.device, dtype=self._compute_dtype())
         return mask.masked_fill(~allowed[:, None], float("-inf"))
 
-    def _training_precision(self):
+    def _training_precision(self) -> torch.autocast:
         device = self.training_step.device.type
         dtype = faster_precision(device) if self.config.dtype == "auto" else getattr(torch, self.config.dtype)
         return torch.autocast(device, torch.bfloat16, enabled=dtype == torch.bfloat16)
 
-    def _full_precision(self):
+    def _full_precision(self) -> torch.autocast:
         # Corrections near a goal are small beside the observations; only the transformer may work in bfloat16.
         return torch.autocast(self.timestep_embedding.weight.device.type, enabled=False)
 
@@ -366,21 +383,20 @@ class GCDTPolicy(PreTrainedPolicy):
         """Starts at the task's expected length and falls by one a step, never below one (Fu et al. 2024, IV-A)."""
         return max(self.config.expected_steps[task] - step, 1.0)
 
-    def _step_tokens(self, keys: list[str], items: dict[str, Tensor], step: int) -> Tensor:
+    def _step_tokens(self, tasks: list[str], keys: list[str], items: dict[str, Tensor], step: int) -> Tensor:
         """Tokens of some kinds of one step of the running episodes, shape (B, kinds, W)."""
         device = self.timestep_embedding.weight.device
         time = self._embed_time(torch.tensor(step, device=device))
-        tokens = time.repeat(len(self._history.tasks), len(keys), 1)
-        for task in dict.fromkeys(self._history.tasks):
-            rows = [i for i, t in enumerate(self._history.tasks) if t == task]
+        tokens = time.repeat(len(tasks), len(keys), 1)
+        for task in dict.fromkeys(tasks):
+            rows = [i for i, t in enumerate(tasks) if t == task]
             of_task = {key: value[rows] for key, value in items.items()}
             for k, key in enumerate(keys):
                 tokens[rows, k] += self.modules_of(task).tokenize(key, of_task)
         return tokens
 
-    def _remember_tokens(self, steps: list[int]) -> Tensor:
+    def _remember_tokens(self, history: History, steps: list[int]) -> Tensor:
         """Notes the steps of new tokens; returns what they may attend to, booleans (1, 1, new tokens, kept tokens)."""
-        history = self._history
         device = history.token_step.device
         slots = (torch.arange(len(steps), device=device) + history.tokens) % len(history.token_step)
         history.token_step[slots] = torch.tensor(steps, device=device)
@@ -390,7 +406,7 @@ class GCDTPolicy(PreTrainedPolicy):
         allowed[:, slots] &= torch.ones(len(steps), len(steps), dtype=torch.bool, device=device).tril()
         return allowed[None, None]
 
-    def _check_observation(self, batch: dict[str, Tensor]) -> list[str]:
+    def _check_observation(self, batch: dict[str, Any]) -> list[str]:
         """Returns the task of each row after checking that the policy can act on the batch."""
         needed = (STATE, GOAL, ACHIEVED_GOAL, "task")
         missing = [key for key in needed if key not in batch]

@@ -10,6 +10,7 @@ a weight. Only policies that name it have its heads, so checkpoints from before 
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import torch
 from torch import Tensor, distributed, nn
@@ -18,6 +19,9 @@ from lerobot_gcdt.data.draws import combine, uniform
 from lerobot_gcdt.data.trajectories import Sequences
 from lerobot_gcdt.keys import ACTION, GOAL, STATE, TIME_TO_GOAL
 from lerobot_gcdt.policy.tokens import ORDER, kind_name
+
+if TYPE_CHECKING:
+    from lerobot_gcdt.policy.modeling_gcdt import GCDTPolicy
 
 _HIDE = 100
 """Random numbers from here on decide what is hidden; smaller ones are the trajectory bank's."""
@@ -34,7 +38,7 @@ class Objective:
             modules that ``policy.modules_of(task)`` then has for this task, by their names.
     """
 
-    loss: Callable[[nn.Module, Sequences], Tensor]
+    loss: Callable[["GCDTPolicy", Sequences], Tensor]
     heads: Callable[[list[int], int], dict[str, nn.Module]]
 
 
@@ -44,7 +48,7 @@ OBJECTIVES: dict[str, Objective] = {}
 
 def register_objective(
     name: str,
-    loss: Callable[[nn.Module, Sequences], Tensor],
+    loss: Callable[["GCDTPolicy", Sequences], Tensor],
     heads: Callable[[list[int], int], dict[str, nn.Module]],
 ) -> None:
     """Registers an auxiliary objective.
@@ -62,7 +66,7 @@ def register_objective(
     OBJECTIVES[name] = Objective(loss, heads)
 
 
-def action_errors(policy, sequences: Sequences) -> Tensor:
+def action_errors(policy: "GCDTPolicy", sequences: Sequences) -> Tensor:
     """Action prediction: a_t from time-to-goal, goal and observation up to t and actions up to t - 1.
 
     Args:
@@ -77,7 +81,7 @@ def action_errors(policy, sequences: Sequences) -> Tensor:
     return (error.square().sum(-1) / policy.action_sizes[sequences.task])[sequences.real]
 
 
-def dynamics_loss(policy, sequences: Sequences) -> Tensor:
+def dynamics_loss(policy: "GCDTPolicy", sequences: Sequences) -> Tensor:
     """Forward dynamics: o_t from observations and actions up to t - 1; no time-to-goal, no goal.
 
     Args:
@@ -95,7 +99,7 @@ def dynamics_loss(policy, sequences: Sequences) -> Tensor:
     return mean_error(policy, sequences, STATE, before, where, lambda modules, x: modules.dynamics_head(x))
 
 
-def time_to_goal_loss(policy, sequences: Sequences) -> Tensor:
+def time_to_goal_loss(policy: "GCDTPolicy", sequences: Sequences) -> Tensor:
     """Time-to-goal prediction: from goal and observation up to t and actions up to t - 1; no time-to-goal.
 
     Args:
@@ -116,7 +120,7 @@ def time_to_goal_loss(policy, sequences: Sequences) -> Tensor:
     )
 
 
-def reconstruction_loss(policy, sequences: Sequences, wanted: Tensor) -> Tensor:
+def reconstruction_loss(policy: "GCDTPolicy", sequences: Sequences, wanted: Tensor) -> Tensor:
     """Sequence reconstruction: hidden items of every kind from all the others, past and future.
 
     Args:
@@ -131,7 +135,7 @@ def reconstruction_loss(policy, sequences: Sequences, wanted: Tensor) -> Tensor:
     losses = []
     for i, key in enumerate(ORDER):
 
-        def head(modules, states, key=key):
+        def head(modules: Any, states: Tensor, key: str = key) -> Tensor:
             return modules.reconstruction_heads[kind_name(key)](states)
 
         losses.append(mean_error(policy, sequences, key, hidden[:, :, i], wanted[:, :, i], head))
@@ -190,12 +194,12 @@ def withheld(wanted: Tensor, relative_goal: bool) -> Tensor:
 
 
 def mean_error(
-    policy: nn.Module,
+    policy: "GCDTPolicy",
     sequences: Sequences,
     key: str,
     hidden: Tensor,
     where: Tensor,
-    head: Callable[[nn.Module, Tensor], Tensor],
+    head: Callable[[Any, Tensor], Tensor],
 ) -> Tensor:
     """Computes the mean squared error of one kind of item over some steps.
 
@@ -220,7 +224,7 @@ def mean_error(
     return mean_over_processes(torch.cat(errors))
 
 
-def _reconstruction(policy: nn.Module, sequences: Sequences) -> Tensor:
+def _reconstruction(policy: "GCDTPolicy", sequences: Sequences) -> Tensor:
     """Sequence reconstruction of items that are drawn anew in every step."""
     wanted = draw_hidden(sequences, policy.training_step, policy.config.hidden_ratio)
     return reconstruction_loss(policy, sequences, wanted)

@@ -3,6 +3,7 @@
 import hashlib
 import re
 from collections.abc import Iterable
+from typing import cast
 
 import torch
 from torch import Tensor, nn
@@ -21,6 +22,9 @@ class ItemTokenizer(nn.Module):
         size: Numbers in an item.
         width: Size of a token.
     """
+
+    mean: Tensor
+    std: Tensor
 
     def __init__(self, size: int, width: int):
         super().__init__()
@@ -92,7 +96,7 @@ class TaskModules(nn.Module):
         return torch.tanh(self.action_head(hidden))
 
     def _tokenizer(self, key: str) -> ItemTokenizer:
-        return self.tokenizers[kind_name(key)]
+        return cast(ItemTokenizer, self.tokenizers[kind_name(key)])
 
     def _content(self, key: str, items: dict[str, Tensor]) -> Tensor:
         if key != GOAL or not self.relative_goal:

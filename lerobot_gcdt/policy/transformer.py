@@ -25,7 +25,7 @@ class KeyValueCache:
 
     def append(self, keys: Tensor, values: Tensor) -> tuple[Tensor, Tensor]:
         """Adds keys and values of shape (B, H, L, W / H); returns all that are kept, slot by slot."""
-        if self._keys is None:
+        if self._keys is None or self._values is None:
             b, h, _, d = keys.shape
             self._keys = keys.new_empty(b, h, self._capacity, d)
             self._values = values.new_empty(b, h, self._capacity, d)

@@ -6,6 +6,7 @@ import os
 import signal
 from functools import partial
 from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 
 from tqdm import tqdm
@@ -20,6 +21,9 @@ CROSS_TASK = "surrol_cross_task"
 
 PUBLISHED_DISTURB = 0.3
 """Size of the pushes in the published datasets."""
+
+Job = tuple[str, int, int, Path, float, Extras]
+"""Arguments of ``record``."""
 
 
 def record_all(
@@ -48,7 +52,7 @@ def record_all(
         OSError: Files cannot be written, or another process records there; what is finished is kept.
         RuntimeError: An expert fails again and again; what is finished is kept.
     """
-    workers = os.cpu_count() if workers is None else workers
+    workers = os.cpu_count() or 1 if workers is None else workers
     if workers < 1:
         raise ValueError(f"Recording needs at least one worker, got {workers}.")
     for task in surrol_gym.TASKS:
@@ -67,21 +71,22 @@ def record_all(
     return list(roots.values())
 
 
-def _run(jobs: list[tuple], workers: int, bar: tqdm) -> None:
+def _run(jobs: list[Job], workers: int, bar: tqdm) -> None:
     """Calls ``record`` with each tuple of arguments, in a process of its own."""
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(["lerobot_gcdt.recording"])  # the processes are forked after the slow imports
-    waiting, running = iter(jobs), {}
+    waiting = iter(jobs)
+    running: dict[Connection, BaseProcess] = {}
     try:
         while True:
             while len(running) < workers and (job := next(waiting, None)):
                 receiver, sender = context.Pipe(duplex=False)
-                running[receiver] = context.Process(target=_record_one, args=(sender, *job), daemon=True)
+                running[receiver] = context.Process(target=_record_one, args=(sender, job), daemon=True)
                 running[receiver].start()
                 sender.close()  # the process has its own: when it ends, the receiver notices
             if not running:
                 return
-            for receiver in wait(running):
+            for receiver in running.keys() & wait(running):
                 _hear(receiver, running, bar)
     finally:
         for process in running.values():
@@ -90,7 +95,7 @@ def _run(jobs: list[tuple], workers: int, bar: tqdm) -> None:
             process.join()  # until then it keeps the command from being repeated
 
 
-def _hear(receiver: Connection, running: dict[Connection, multiprocessing.Process], bar: tqdm) -> None:
+def _hear(receiver: Connection, running: dict[Connection, BaseProcess], bar: tqdm) -> None:
     """Takes one message: None for an episode, an error, or the end of the process."""
     try:
         message = receiver.recv()
@@ -105,11 +110,11 @@ def _hear(receiver: Connection, running: dict[Connection, multiprocessing.Proces
     bar.update()
 
 
-def _record_one(sender: Connection, *arguments) -> None:
+def _record_one(sender: Connection, job: Job) -> None:
     """Records one dataset; tells of every episode and of an error."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl+C reaches all processes; one of them speaks
     try:
-        record(*arguments, on_episode=partial(sender.send, None))
+        record(*job, on_episode=partial(sender.send, None))
     except BrokenPipeError:
         pass  # the command was killed and may have been started again, so nobody else may write here
     except (ValueError, OSError, RuntimeError) as error:

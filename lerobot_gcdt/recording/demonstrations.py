@@ -24,7 +24,7 @@ import surrol_gym
 from lerobot_gcdt.keys import TIME_TO_GOAL
 from lerobot_gcdt.recording.features import NO_EXTRAS, Extras, describe_columns, to_columns
 from lerobot_gcdt.recording.locking import LOCK_FILE, alone_in
-from surrol_gym.envs.psm_env import Mount
+from surrol_gym.envs.psm_env import Mount, unwrapped
 
 RECORDING_FILE = "meta/surrol.json"
 """Beside LeRobot's metadata: what it takes to replay any episode, and how the expert did."""
@@ -166,7 +166,7 @@ def run_episode(env: gym.Env, seed: int, disturb: float = 0.0, extras: Extras = 
     frames, truncated = [], False
     while not truncated:
         action = expert.act(observation)
-        disturbance = disturb * _push(rng, action, env.unwrapped.mounts) + 0.0  # turns -0 into 0
+        disturbance = disturb * _push(rng, action, unwrapped(env).mounts) + 0.0  # turns -0 into 0
         frame = observation | extras.observe(env) | {"action": action, "disturbance": disturbance}
         observation, reward, _, truncated, info = env.step(action + disturbance)
         frames.append(frame | {"reward": np.float32(reward), "success": info["is_success"]})
@@ -208,7 +208,7 @@ def _make(wanted: Recording, parts: Path, root: Path, on_episode: Callable[[], N
 def _record_episodes(env: gym.Env, wanted: Recording, parts: Path, on_episode: Callable[[], None] | None) -> list[Path]:
     """Records attempts until enough succeeded; returns the files of the successful ones, in order of their seeds."""
     kept: list[Path] = []
-    name = f"Recording {env.unwrapped.task}"
+    name = f"Recording {unwrapped(env).task}"
     with tqdm(total=wanted.episodes, desc=name, unit="episode", disable=on_episode is not None) as bar:
         on_episode = on_episode or bar.update
         attempt = failures = 0
@@ -218,7 +218,7 @@ def _record_episodes(env: gym.Env, wanted: Recording, parts: Path, on_episode: C
                 unfinished = file.with_suffix(".unfinished")
                 with unfinished.open("wb") as stream:
                     episode = run_episode(env, wanted.seed + attempt, wanted.disturb, wanted.extras)
-                    np.savez_compressed(stream, **episode)
+                    np.savez_compressed(stream, **episode)  # type: ignore[arg-type]  # none is called allow_pickle
                 os.replace(unfinished, file)
             with np.load(file) as episode:
                 if episode["success"].any():
@@ -271,7 +271,7 @@ def build_dataset(
         steps.append(int(columns[TIME_TO_GOAL][0, 0]))
         for t in range(len(columns[TIME_TO_GOAL])):
             frame = {key: values[t] for key, values in columns.items()}
-            dataset.add_frame(frame | {"task": env.unwrapped.task_description})
+            dataset.add_frame(frame | {"task": unwrapped(env).task_description})
         dataset.save_episode(parallel_encoding=False)  # that would fork, which a worker of `--all` may not
     dataset.finalize()
     sort_statistics(building)

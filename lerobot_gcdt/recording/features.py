@@ -20,6 +20,7 @@ from lerobot_gcdt.keys import (
     image_key,
 )
 from lerobot_gcdt.recording.fields import find_field
+from surrol_gym.envs.psm_env import unwrapped
 
 
 @dataclass(frozen=True)
@@ -61,15 +62,15 @@ class Extras:
         described = {
             key: vector_feature(list(numbers))
             for name in self.fields
-            for key, numbers in find_field(name).describe(type(env.unwrapped)).items()
+            for key, numbers in find_field(name).describe(type(unwrapped(env))).items()
         }
         return described | {image_key(camera): picture for camera in self.cameras}
 
     def observe(self, env: gym.Env) -> dict[str, np.ndarray]:
         """Returns the further columns of this moment; what is simulated is not changed."""
-        numbers = {key: row for name in self.fields for key, row in find_field(name).observe(env.unwrapped).items()}
-        size = self.camera_size
-        return numbers | {image_key(camera): env.unwrapped.picture(camera, size, size) for camera in self.cameras}
+        task, size = unwrapped(env), self.camera_size
+        numbers = {key: row for name in self.fields for key, row in find_field(name).observe(task).items()}
+        return numbers | {image_key(camera): task.picture(camera, size, size) for camera in self.cameras}
 
 
 NO_EXTRAS = Extras()
@@ -77,16 +78,16 @@ NO_EXTRAS = Extras()
 
 def describe_columns(env: gym.Env, extras: Extras) -> dict[str, dict]:
     """Returns LeRobot's description of all columns of a dataset, every number named by the environment."""
-    unwrapped = env.unwrapped
-    goal = vector_feature(unwrapped.goal_names)
+    task = unwrapped(env)
+    goal = vector_feature(task.goal_names)
     return {
-        STATE: vector_feature(unwrapped.observation_names),
+        STATE: vector_feature(task.observation_names),
         ENVIRONMENT_STATE: goal,
         GOAL: goal,
         ACHIEVED_GOAL: goal,
         TIME_TO_GOAL: vector_feature(["steps"]),
-        ACTION: vector_feature(unwrapped.action_names),
-        DISTURBANCE: vector_feature(unwrapped.action_names),
+        ACTION: vector_feature(task.action_names),
+        DISTURBANCE: vector_feature(task.action_names),
         REWARD: vector_feature(["reward"]),
         SUCCESS: {"dtype": "bool", "shape": (1,), "names": ["success"]},
     } | extras.describe(env)

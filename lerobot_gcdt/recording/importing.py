@@ -27,7 +27,7 @@ from lerobot_gcdt.recording.demonstrations import RECORDING_FILE, build_dataset
 from lerobot_gcdt.recording.features import NO_EXTRAS, to_columns
 from lerobot_gcdt.recording.locking import alone_in
 from lerobot_gcdt.recording.unpickling import read_archive
-from surrol_gym.envs.psm_env import STEP_SIZE, PSMEnv
+from surrol_gym.envs.psm_env import STEP_SIZE, PSMEnv, unwrapped
 
 OBSERVED = ("observation", "achieved_goal", "desired_goal")
 
@@ -57,10 +57,10 @@ def import_demonstrations(files: Sequence[str | Path], task: str, root: str | Pa
             holds something else.
         OSError: A file cannot be read or written, or another process imports into the folder.
     """
-    files, root, env_id = [Path(file) for file in files], Path(root), surrol_gym.find_task(task)
-    origin = [{"file": file.name, "sha256": hashlib.sha256(file.read_bytes()).hexdigest()} for file in files]
-    if len({note["sha256"] for note in origin}) < len(files):
-        raise ValueError(f"Two of the files have the same content: {', '.join(map(str, files))}.")
+    paths, root, env_id = [Path(file) for file in files], Path(root), surrol_gym.find_task(task)
+    origin = [{"file": file.name, "sha256": hashlib.sha256(file.read_bytes()).hexdigest()} for file in paths]
+    if len({note["sha256"] for note in origin}) < len(paths):
+        raise ValueError(f"Two of the files have the same content: {', '.join(map(str, paths))}.")
     if root.exists():
         _check_same({"env_id": env_id, "imported_from": origin}, root)
         print(f"{root} is complete already.")
@@ -68,7 +68,7 @@ def import_demonstrations(files: Sequence[str | Path], task: str, root: str | Pa
     env = gym.make(env_id)
     parts = root.with_name(root.name + ".importing")
     try:
-        episodes = [episode for file in files for episode in read_episodes(file, env.unwrapped)]
+        episodes = [episode for file in paths for episode in read_episodes(file, unwrapped(env))]
         reached = [episode for episode in episodes if episode["success"].any()]
         if not reached:
             raise ValueError(f"None of the {len(episodes)} episodes reaches the goal by the test of {task}.")

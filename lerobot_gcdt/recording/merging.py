@@ -63,13 +63,13 @@ def merge(roots: Sequence[str | Path], root: str | Path) -> Path:
         OSError: Another process merges into the folder.
         ValueError: There are fewer than two datasets, one was not recorded by ``gcdt record``, or the folder exists.
     """
-    roots, root = [Path(r) for r in roots], Path(root)
-    if len(roots) < 2 or len({r.name for r in roots}) < len(roots):
-        raise ValueError(f"Merging takes two or more folders of different names, got {[str(r) for r in roots]}.")
-    for source in roots:
+    sources, root = [Path(r) for r in roots], Path(root)
+    if len(sources) < 2 or len({source.name for source in sources}) < len(sources):
+        raise ValueError(f"Merging takes two or more folders of different names, got {list(map(str, sources))}.")
+    for source in sources:
         if not (source / RECORDING_FILE).exists():
             raise ValueError(f"{source} is no dataset of `gcdt record`: {RECORDING_FILE} is missing there.")
-    metas = [LeRobotDatasetMetadata(f"local/{source.name}", root=source) for source in roots]
+    metas = [LeRobotDatasetMetadata(f"local/{source.name}", root=source) for source in sources]
     lacked = sorted({key for meta in metas for key in COLUMNS if key not in meta.features})
     if lacked:
         raise ValueError(f"Not every dataset has {', '.join(lacked)}; record them with `gcdt record`.")
@@ -85,7 +85,7 @@ def merge(roots: Sequence[str | Path], root: str | Path) -> Path:
         datasets.disable_progress_bars()
         copies = [
             _padded_copy(meta, features, parts / source.name)
-            for source, meta in tqdm(zip(roots, metas, strict=True), total=len(roots), desc="Padding", unit="dataset")
+            for source, meta in tqdm(zip(sources, metas, strict=True), total=len(metas), desc="Padding", unit="dataset")
         ]
         whole = parts / "merged"
         shutil.rmtree(whole, ignore_errors=True)
@@ -95,7 +95,7 @@ def merge(roots: Sequence[str | Path], root: str | Path) -> Path:
             whole,
         )
         sort_statistics(whole)
-        facts = {"merged_from": [json.loads((r / RECORDING_FILE).read_text()) for r in roots]}
+        facts = {"merged_from": [json.loads((source / RECORDING_FILE).read_text()) for source in sources]}
         (whole / RECORDING_FILE).write_text(json.dumps(facts, indent=2) + "\n")
         os.replace(whole, root)
         for folder in parts.glob("*/"):

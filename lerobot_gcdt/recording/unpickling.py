@@ -69,19 +69,19 @@ class _Unpickler(pickle.Unpickler):
 class _DataType:
     """A data type by its name and byte order. What else its pickled state says is not looked at."""
 
-    def __init__(self, name: str, *_):
+    def __init__(self, name: str, *_: Any):
         self.dtype = np.dtype(str(name))
         if self.dtype.kind not in "biufUSO":
             raise pickle.UnpicklingError(f"holds an array of the type {name}")
 
-    def __setstate__(self, state: tuple):
+    def __setstate__(self, state: tuple) -> None:
         self.dtype = self.dtype.newbyteorder(state[1])
 
 
 class _Array(np.ndarray):
     """An array that looks at its pickled state before NumPy does."""
 
-    def __setstate__(self, state: tuple):
+    def __setstate__(self, state: tuple) -> None:
         _, shape, data_type, fortran_order, content = state
         dtype, numbers = data_type.dtype, math.prod(shape)
         kind, size = (list, numbers) if dtype.hasobject else (bytes, numbers * dtype.itemsize)
@@ -90,7 +90,7 @@ class _Array(np.ndarray):
         super().__setstate__((1, shape, dtype, fortran_order, content))
 
 
-def _empty(*_) -> _Array:
+def _empty(*_: Any) -> _Array:
     return np.ndarray.__new__(_Array, 0)
 
 

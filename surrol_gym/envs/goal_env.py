@@ -4,7 +4,7 @@ import inspect
 import os
 import sys
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from types import SimpleNamespace
@@ -14,7 +14,7 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.error import ClosedEnvironmentError, ResetNeeded
 
-from surrol_gym.bullet import World
+from surrol_gym.bullet import Vector, World
 from surrol_gym.quantities import Quantity, described, names, places
 from surrol_gym.stage import KINDS, Camera, Stage
 
@@ -46,7 +46,7 @@ class State:
     task_name: str
     world: tuple
     task: dict[str, Any]
-    rng: dict[str, Any]
+    rng: Mapping[str, Any]
     elapsed_steps: int
 
 
@@ -82,6 +82,7 @@ class GoalEnv(gym.Env):
         ValueError: An argument is not one of the values above.
     """
 
+    observation_space: gym.spaces.Dict
     metadata = {"render_modes": [*_PICTURES, *["human"] * _HAS_DISPLAY], "render_fps": 5}
 
     task: ClassVar[str]
@@ -168,8 +169,8 @@ class GoalEnv(gym.Env):
         self.world = World(self.solver_iterations)
         self._stage: Stage | None = None
         self._closed = False
-        self._goal: np.ndarray | None = None
-        self._world_state: tuple | None = None
+        self._goal: np.ndarray = np.resize((0.0, 0.0, -1.0), len(self.goal_names))  # below the floor at first
+        self._world_state: tuple = ()  # until the first reset
         self.elapsed_steps = 0
         # Things near the camera first: the renderer then finds the others hidden.
         self._build_scene()
@@ -378,9 +379,8 @@ class GoalEnv(gym.Env):
             self._stage = Stage(self.world, gui=self.render_mode == "human")
         return self._stage
 
-    def _goal_pose(self, part: int) -> tuple[Sequence[float], Sequence[float]]:
-        position = (0, 0, -1) if self._goal is None else self._goal[part : part + 3]  # below the floor at first
-        return position, (0, 0, 0, 1)
+    def _goal_pose(self, part: int) -> tuple[Vector, Vector]:
+        return self._goal[part : part + 3], (0, 0, 0, 1)
 
     def _forget_contacts(self) -> None:
         # From here on the episode depends on poses and velocities only, which is all that get_state has to keep.
@@ -415,7 +415,7 @@ class GoalEnv(gym.Env):
             raise ClosedEnvironmentError(f"This {self.task} environment is closed; make a new one.")
 
     def _check_reset(self) -> None:
-        if self._world_state is None:
+        if not self._world_state:
             raise ResetNeeded(f"Call reset() before the first step of this {self.task} environment.")
 
     @staticmethod

@@ -4,11 +4,10 @@ See docs/grasping.md#the-rule.
 """
 
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import pybullet
 
-from surrol_gym.bullet import World
+from surrol_gym.bullet import Vector, World
 from surrol_gym.psm.arm import END_EFFECTOR, Arm
 
 
@@ -86,21 +85,21 @@ class Grasp:
         self.release()
         self._touched = (False, False)
 
-    def get_state(self) -> tuple[Any, ...]:
+    def get_state(self) -> tuple:
         """Returns what ``set_state`` needs: active, which jaws touch, the attached object in the frame of link 5."""
         if not self.attached:
             return self._active, self._touched, None
         info = self._client.getConstraintInfo(self._constraint)
         return self._active, self._touched, (info[6], info[8])
 
-    def set_state(self, state: tuple[Any, ...]) -> None:
+    def set_state(self, state: tuple) -> None:
         """Restores the grasp."""
         self.release()
         self._active, self._touched, frame = state
         if frame is not None:
             self._fix(*frame)
 
-    def _fix(self, position: Sequence[float], orientation: Sequence[float]) -> None:
+    def _fix(self, position: Vector, orientation: Vector) -> None:
         self._constraint = self._client.createConstraint(
             self._arm.body,
             END_EFFECTOR,

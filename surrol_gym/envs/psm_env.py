@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from math import degrees
 from typing import Any, ClassVar
 
+import gymnasium as gym
 import numpy as np
 
 from surrol_gym.envs.goal_env import GoalEnv
@@ -190,6 +191,18 @@ class PSMEnv(GoalEnv):
             arm.set_state(arm_state)
         for grasp, grasp_state in zip(self._all_grasps(), state["grasps"], strict=True):
             grasp.set_state(grasp_state)
+
+
+def unwrapped(env: gym.Env) -> PSMEnv:
+    """Returns the environment of a task without its wrappers.
+
+    Raises:
+        TypeError: It is none of this package's kind.
+    """
+    task = env.unwrapped
+    if not isinstance(task, PSMEnv):
+        raise TypeError(f"{env} is no environment of surrol_gym.")
+    return task
 
 
 def _turned(mount: Mount, angle: float) -> list[float]:

@@ -1,8 +1,11 @@
 """The time limit of episodes that can be restored."""
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
+
+if TYPE_CHECKING:
+    from surrol_gym.envs.goal_env import GoalEnv
 
 
 class RestorableTimeLimit(gym.Wrapper, gym.utils.RecordConstructorArgs):
@@ -11,6 +14,8 @@ class RestorableTimeLimit(gym.Wrapper, gym.utils.RecordConstructorArgs):
     Gymnasium's ``TimeLimit``, which this wrapper lies around, holds the limit but counts the steps since a reset.
     """
 
+    unwrapped: "GoalEnv"
+
     def __init__(self, env: gym.Env):
         gym.utils.RecordConstructorArgs.__init__(self)
         gym.Wrapper.__init__(self, env)
@@ -18,6 +23,7 @@ class RestorableTimeLimit(gym.Wrapper, gym.utils.RecordConstructorArgs):
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         """Steps the environment; see ``gymnasium.Env.step``."""
         observation, reward, terminated, _, info = self.env.step(action)
-        limit = self.env.spec.max_episode_steps
+        spec = self.env.spec
+        limit = spec.max_episode_steps if spec else None
         truncated = limit is not None and self.unwrapped.elapsed_steps >= limit
         return observation, reward, terminated, truncated, info

@@ -131,8 +131,8 @@ def make_expert(env: gym.Env) -> Expert:
     Raises:
         TypeError: The environment is none of a registered task, or that has no expert.
     """
-    env_class = type(env.unwrapped)
-    law = find_law(env_class)
-    if law is None:
+    task = env.unwrapped
+    law = find_law(type(task))
+    if law is None or not isinstance(task, PSMEnv):
         raise TypeError(f"{env} has no scripted expert; make an environment that was registered with one.")
-    return Expert(env_class, law)
+    return Expert(type(task), law)

@@ -5,6 +5,7 @@ from math import hypot
 
 import numpy as np
 
+from surrol_gym.bullet import Vector
 from surrol_gym.experts import CLOSE, OPEN, Target, heading
 from surrol_gym.psm.arm import TIP_OFFSET, euler_to_matrix
 from surrol_gym.tasks.peg_board import PEGS_XY
@@ -140,7 +141,7 @@ class Hand:
         across = points[:, None, :2] - np.reshape(obstacles, (-1, 2))
         return np.linalg.norm(across, axis=-1).min(axis=1, initial=1.0)
 
-    def grasp(self, ahead: Sequence[float] = (0.0, 0.0, 0.0)) -> Target:
+    def grasp(self, ahead: Vector = (0.0, 0.0, 0.0)) -> Target:
         """Approaches the block from above, open, and closes the jaws on it.
 
         Args:

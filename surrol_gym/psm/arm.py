@@ -1,14 +1,12 @@
 """A PSM in the simulated world: poses in, motion of its gripper out."""
 
-from collections.abc import Sequence
 from math import hypot
 from typing import Any
 
 import numpy as np
 import pybullet
-from numpy.typing import ArrayLike
 
-from surrol_gym.bullet import World
+from surrol_gym.bullet import Vector, World
 from surrol_gym.psm import kinematics
 from surrol_gym.units import to_metres, to_su
 
@@ -48,19 +46,15 @@ class Arm:
     """
 
     def __init__(
-        self,
-        world: World,
-        base_position: Sequence[float],
-        base_yaw: float,
-        look: str = "psm.urdf",
-        jaw_mass: float = 0.03,
+        self, world: World, base_position: Vector, base_yaw: float, look: str = "psm.urdf", jaw_mass: float = 0.03
     ):
         self._client = world.client
         base = base_position, pybullet.getQuaternionFromEuler((0, 0, base_yaw))
         self._rcm = pybullet.multiplyTransforms(*base, (0, kinematics.RCM_OFFSET, 0), (0, 0, 0, 1))
         self._to_rcm = pybullet.invertTransform(*self._rcm)
-        self._joints = np.zeros(6)
-        self._touching, self.contact_force = set(), 0.0
+        self._joints: np.ndarray = np.zeros(6)
+        self._touching: set[tuple[int, int]] = set()
+        self.contact_force = 0.0
         self.body = world.load("psm_gripper.urdf", fixed=False, sleeps=False, drawn=False)
         for jaw in JAWS:
             self._client.changeDynamics(self.body, jaw, mass=jaw_mass)
@@ -69,7 +63,7 @@ class Arm:
         )
         world.draw(look, to_su(base_position), base_yaw, joints=self._drawn_joints)
 
-    def reset(self, position: ArrayLike, euler: ArrayLike, jaw: float = JAW_CLOSED) -> None:
+    def reset(self, position: Vector, euler: Vector, jaw: float = JAW_CLOSED) -> None:
         """Puts link 5 at a pose at once, at rest, and holds it there.
 
         Args:
@@ -89,7 +83,7 @@ class Arm:
         self._hold_at(position, orientation)
         self.command_jaws(jaw)
 
-    def move_to(self, position: ArrayLike, euler: ArrayLike) -> None:
+    def move_to(self, position: Vector, euler: Vector) -> None:
         """Moves link 5 towards a pose; a joint that would pass its limit stops there.
 
         Args:
@@ -152,21 +146,19 @@ class Arm:
         """Restores ``get_state``; the world must be restored, too."""
         self._joints = np.array(state)
 
-    def _solve(self, position: ArrayLike, orientation: Sequence[float], **options: Any) -> np.ndarray:
+    def _solve(self, position: Vector, orientation: Vector, **options: Any) -> np.ndarray:
         """Joints of a pose in the world: position, su, and quaternion."""
         position, orientation = pybullet.multiplyTransforms(*self._to_rcm, to_metres(position), orientation)
         return kinematics.inverse(position, quaternion_to_matrix(orientation), **options)
 
-    def _nearest_in_reach(
-        self, position: ArrayLike, orientation: Sequence[float]
-    ) -> tuple[np.ndarray, Sequence[float]]:
+    def _nearest_in_reach(self, position: Vector, orientation: Vector) -> tuple[Vector, Vector]:
         """Moves the joints as near to a pose as their limits allow; returns the pose that results."""
         self._joints = self._solve(position, orientation, near=self._joints, on_limit="clip")
         position, rotation = kinematics.forward(self._joints)
         position, orientation = pybullet.multiplyTransforms(*self._rcm, position, matrix_to_quaternion(rotation))
         return to_su(position), orientation
 
-    def _hold_at(self, position: ArrayLike, orientation: Sequence[float]) -> None:
+    def _hold_at(self, position: Vector, orientation: Vector) -> None:
         self._client.changeConstraint(
             self._hold, position, jointChildFrameOrientation=orientation, maxForce=_HOLDING_FORCE
         )
@@ -177,12 +169,12 @@ class Arm:
         return [*(self.joints() * (1, 1, to_su(1.0), 1, 1, 1)), *jaws]
 
 
-def euler_to_matrix(euler: ArrayLike) -> np.ndarray:
+def euler_to_matrix(euler: Vector) -> np.ndarray:
     """Converts fixed-axis x-y-z Euler angles, shape (3,), radians, to a rotation matrix, shape (3, 3)."""
     return quaternion_to_matrix(pybullet.getQuaternionFromEuler(euler))
 
 
-def quaternion_to_matrix(quaternion: ArrayLike) -> np.ndarray:
+def quaternion_to_matrix(quaternion: Vector) -> np.ndarray:
     """Converts a quaternion (x, y, z, w) to a rotation matrix, shape (3, 3)."""
     return np.array(pybullet.getMatrixFromQuaternion(quaternion)).reshape(3, 3)  # faster than np.reshape
 

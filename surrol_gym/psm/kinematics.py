@@ -59,7 +59,7 @@ def forward(joints: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
 
 
 def inverse(
-    position: ArrayLike, rotation: ArrayLike, near: ArrayLike | None = None, on_limit: str = "raise"
+    position: ArrayLike, rotation: ArrayLike, near: np.ndarray | None = None, on_limit: str = "raise"
 ) -> np.ndarray:
     """Computes the joints that put link 5 at a pose in the RCM frame.
 

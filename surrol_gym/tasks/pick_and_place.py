@@ -108,7 +108,7 @@ class PickAndPlaceEnv(PSMEnv):
 
     def _pose_scene(self) -> None:
         super()._pose_scene()
-        offsets = np.zeros((2, 2))
+        offsets: np.ndarray = np.zeros((2, 2))
         while np.hypot(*(offsets[1] - offsets[0])) < APART:
             offsets = self.np_random.uniform(-SPREAD, SPREAD, (2, 2))
         yaws = self.np_random.uniform(-np.pi / 2, np.pi / 2, 2)

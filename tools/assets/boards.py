@@ -4,6 +4,7 @@ The tables are in scaled units (SU of a metre).
 """
 
 import xml.etree.ElementTree as ET
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -112,11 +113,12 @@ def write_match_board(folder: Path) -> None:
     below = _box_mesh((-half, -half, UNDERSIDE), (half, half, FLOOR - 0.0005), 0)
     shapes.append(visual(obj(folder, "match_board", meshes.merge(wood, below)), WOOD))
     shapes.append(visual(obj(folder, "match_board_lines", _line_mesh(half)), BLACK))
-    insets, paint = [], {RED: [], GREEN: [], BLUE: []}
+    insets = []
+    paint: dict[tuple, list[meshes.Mesh]] = {RED: [], GREEN: [], BLUE: []}
     for row, column, glyph in _tiles():
         at = np.array([TILE * (row - 1), TILE * (column - 1)])
-        low, high = recess(glyph)
-        insets.append(_box_mesh((*(at + low), FLOOR - 0.001), (*(at + high), FLOOR), 0))
+        near, far = recess(glyph)
+        insets.append(_box_mesh((*(at + near), FLOOR - 0.001), (*(at + far), FLOOR), 0))
         # Fatter than the piece, which leaves a coloured rim around it once it lies there.
         painted = glyphs.solid(glyph, FLOOR, FLOOR + 0.0005, 0, grow=0.5 * CLEARANCE[glyph])
         paint[glyphs.COLOURS[glyph]].append(meshes.place(painted, _metres(*at, 0)))
@@ -199,12 +201,12 @@ def write_jacks(folder: Path) -> None:
 
     Their centre of mass is the link origin, below the feet: they right themselves.
     """
-    look = [meshes.place(_ball_mesh(ROD_RADIUS), SU * HUB)]
+    parts = [meshes.place(_ball_mesh(ROD_RADIUS), SU * HUB)]
     for ball in BALLS:
         middle, rpy, length = _rod(ball)
         rod = meshes.lathe([(SU * ROD_RADIUS, -SU * length / 2), (SU * ROD_RADIUS, SU * length / 2)], 12)
-        look += [meshes.place(_ball_mesh(BALL_RADIUS), SU * ball), meshes.place(rod, SU * middle, rpy)]
-    look = obj(folder, "jack", meshes.merge(*look))
+        parts += [meshes.place(_ball_mesh(BALL_RADIUS), SU * ball), meshes.place(rod, SU * middle, rpy)]
+    look = obj(folder, "jack", meshes.merge(*parts))
     # As thick as SurRoL's hulls are with the margin that PyBullet gives them.
     ball_shape = node("sphere", radius=SU * (BALL_RADIUS + glyphs.MARGIN))
     for name, colour in (("jack_red", RED), ("jack_green", GREEN)):
@@ -220,7 +222,7 @@ def write_jacks(folder: Path) -> None:
 def _rod(ball: np.ndarray) -> tuple[np.ndarray, tuple, float]:
     """The middle of a ball's rod, the turn of the rod from z, and its length."""
     along = ball - HUB
-    length = np.linalg.norm(along)
+    length = float(np.linalg.norm(along))
     pitch, yaw = np.arccos(along[2] / length), np.arctan2(along[1], along[0])
     return (ball + HUB) / 2, (0, pitch, yaw), length
 
@@ -242,6 +244,6 @@ def _box(*size: float) -> ET.Element:
     return node("box", size=_metres(*size))
 
 
-def _box_mesh(low: tuple, high: tuple, bevel: float) -> meshes.Mesh:
+def _box_mesh(low: Iterable[float], high: Iterable[float], bevel: float) -> meshes.Mesh:
     """The box between two corners in scaled units."""
     return meshes.box(_metres(*low), _metres(*high), SU * bevel)

@@ -5,9 +5,11 @@ A mesh is a pair `(vertices (n, 3), triangles (m, 3))`, counter-clockwise seen f
 No trimesh: it orders faces and weighs normals in another way, so it would write other bytes than the committed ones.
 """
 
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 Mesh = tuple[np.ndarray, np.ndarray]
@@ -16,7 +18,7 @@ Mesh = tuple[np.ndarray, np.ndarray]
 CREASE = np.cos(np.radians(50))
 
 
-def loft(rings: np.ndarray, caps: bool = True) -> Mesh:
+def loft(rings: ArrayLike, caps: bool = True) -> Mesh:
     """Joins rings of points into a skin.
 
     Args:
@@ -59,12 +61,12 @@ def rectangle(x: float, y: float, z: float, radius: float, corner_points: int = 
     return np.concatenate(corners)
 
 
-def lathe(profile: list[tuple[float, float]], sides: int = 18) -> Mesh:
+def lathe(profile: Iterable[tuple[float, float]] | np.ndarray, sides: int = 18) -> Mesh:
     """Turns a profile of (radius, z) points, z rising, around the z axis."""
     return loft([circle(radius, z, sides) for radius, z in profile])
 
 
-def box(low: tuple[float, float, float], high: tuple[float, float, float], bevel: float) -> Mesh:
+def box(low: ArrayLike, high: ArrayLike, bevel: float) -> Mesh:
     """The box between two corners, all its edges rounded by `bevel`."""
     low, high = np.array(low, float), np.array(high, float)
     x, y, z = (high - low) / 2
@@ -82,7 +84,7 @@ def tongue(length: float, radius: float, low: float, high: float) -> Mesh:
     return loft([np.c_[outline, np.full(len(outline), z)] for z in (low, high)])
 
 
-def tube(path: np.ndarray, radii: np.ndarray, up: tuple[float, float, float], sides: int = 8) -> Mesh:
+def tube(path: ArrayLike, radii: ArrayLike, up: tuple[float, float, float], sides: int = 8) -> Mesh:
     """A round tube along a path (points, 3) that never runs parallel to `up`."""
     path = np.asarray(path, float)
     forward = np.gradient(path, axis=0)
@@ -94,7 +96,7 @@ def tube(path: np.ndarray, radii: np.ndarray, up: tuple[float, float, float], si
     return loft(path[:, None] + np.reshape(radii, (-1, 1, 1)) * section)
 
 
-def place(mesh: Mesh, xyz: tuple[float, float, float], rpy: tuple[float, float, float] = (0, 0, 0)) -> Mesh:
+def place(mesh: Mesh, xyz: ArrayLike, rpy: ArrayLike = (0, 0, 0)) -> Mesh:
     """Turns a mesh about fixed axes x, y, z (as URDF does), then moves it."""
     rotation = Rotation.from_euler("xyz", rpy).as_matrix()
     return mesh[0] @ rotation.T + np.asarray(xyz, float), mesh[1]
@@ -114,7 +116,7 @@ def corner_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     a, b, c = vertices[faces].transpose(1, 0, 2)
     area = np.cross(b - a, c - a)
     unit = area / np.linalg.norm(area, axis=1, keepdims=True)
-    around = [[] for _ in vertices]
+    around: list[list[int]] = [[] for _ in vertices]
     for face, corners in enumerate(faces):
         for vertex in corners:
             around[vertex].append(face)

@@ -7,6 +7,7 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from surrol_gym.tasks import bi_peg_board
 from surrol_gym.tasks.peg_board import PEGS
@@ -112,13 +113,13 @@ def write_ring(folder: Path, name: str, colour: tuple) -> None:
     # Contacts that take back half of an overlap in a sub-step. By PyBullet's default, a fifth, the jaws sink half the
     # tube's thickness into so light a body and hold it badly; taking back more, they shoot it away.
     stiffness = 1e5
-    ring.find("contact").extend(
+    next(ring.iter("contact")).extend(
         [node("stiffness", value=stiffness), node("damping", value=stiffness / 240 * (1 / 0.5 - 1))]
     )
     write_urdf(folder, name, ring)
 
 
-def _capsule(radius: float, start: tuple, end: tuple) -> ET.Element:
+def _capsule(radius: float, start: ArrayLike, end: ArrayLike) -> ET.Element:
     """A peg to be felt between two points along z or x.
 
     Capsules rather than cylinders: PyBullet makes a hull of 64 points from a cylinder, which costs more time and has

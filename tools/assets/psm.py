@@ -2,6 +2,7 @@
 
 import xml.etree.ElementTree as ET
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -57,7 +58,7 @@ def write_psm(folder: Path, name: str, accent: tuple) -> None:
 def write_gripper(folder: Path) -> None:
     """What is simulated of the arm: link 5 and the two jaws, the parts that touch things (docs/psm.md#jaws)."""
     box = node("box", size=(0.0014, JAW_LENGTH, 0.0018))
-    jaws = []
+    jaws: list[ET.Element] = []
     for name, side in (("gripper1", 1), ("gripper2", -1)):
         inertial = {"mass": 0.03, "com": (side * 0.000196, 0.001435, side * -0.000885), "friction": 1}
         jaws += _jaw(name, collision(box, (side * 0.0007, JAW_LENGTH / 2, 0)), **inertial)
@@ -155,7 +156,7 @@ def _jaw_look(folder: Path) -> ET.Element:
     return obj(folder, "psm_jaw", meshes.merge(hub, meshes.loft(blade)))
 
 
-def _jaw(name: str, shape: ET.Element, **inertial) -> tuple[ET.Element, ET.Element]:
+def _jaw(name: str, shape: ET.Element, **inertial: Any) -> tuple[ET.Element, ET.Element]:
     """A jaw on its hinge."""
     hinge = joint(name, "tool_yaw_link", f"{name}_link", (0, 0, 0), (0, 0, 0), (-1, 1))
     return hinge, link(f"{name}_link", shape, **inertial)

@@ -2,8 +2,10 @@
 
 import xml.etree.ElementTree as ET
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from tools.assets import meshes
 
@@ -23,7 +25,7 @@ RED = (0.9, 0.05, 0.05)
 BROWN = (0.47, 0.34, 0.2)
 
 
-def node(tag: str, *children: ET.Element, **attributes) -> ET.Element:
+def node(tag: str, *children: "ET.Element[Any]", **attributes: ArrayLike) -> ET.Element:
     """An XML element; numbers and sequences of numbers become attribute text."""
     text = {
         key: value if isinstance(value, str) else " ".join(f"{number + 0.0:.8g}" for number in np.atleast_1d(value))
@@ -56,7 +58,7 @@ def obj_hulls(folder: Path, name: str, pieces: list[meshes.Mesh]) -> ET.Element:
     return node("mesh", filename=f"{name}.obj")
 
 
-def visual(geometry: ET.Element, colour: tuple, xyz: tuple = (0, 0, 0), rpy: tuple = (0, 0, 0)) -> ET.Element:
+def visual(geometry: ET.Element, colour: tuple, xyz: ArrayLike = (0, 0, 0), rpy: ArrayLike = (0, 0, 0)) -> ET.Element:
     """A coloured shape that is seen but not felt."""
     name = "_".join(f"{round(255 * channel):03d}" for channel in colour)
     return node(
@@ -67,7 +69,7 @@ def visual(geometry: ET.Element, colour: tuple, xyz: tuple = (0, 0, 0), rpy: tup
     )
 
 
-def collision(geometry: ET.Element, xyz: tuple = (0, 0, 0), rpy: tuple = (0, 0, 0)) -> ET.Element:
+def collision(geometry: ET.Element, xyz: ArrayLike = (0, 0, 0), rpy: ArrayLike = (0, 0, 0)) -> ET.Element:
     """A shape that is felt but not seen."""
     return node("collision", node("origin", xyz=xyz, rpy=rpy), node("geometry", geometry))
 
@@ -76,8 +78,8 @@ def link(
     name: str,
     *shapes: ET.Element,
     mass: float = 0,
-    com: tuple = (0, 0, 0),
-    size: tuple = (0, 0, 0),
+    com: ArrayLike = (0, 0, 0),
+    size: ArrayLike = (0, 0, 0),
     friction: float = 0.5,
 ) -> ET.Element:
     """A link; its inertia is that of a solid box of `size` (PyBullet replaces it by one from the collision shapes)."""
