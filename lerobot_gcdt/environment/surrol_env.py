@@ -1,7 +1,7 @@
 """The SurRoL tasks as LeRobot's environment type ``surrol``."""
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
 import numpy as np
@@ -13,8 +13,10 @@ from lerobot.processor.pipeline import ObservationProcessorStep, ProcessorStepRe
 
 from lerobot_gcdt.errors import OptionError
 from lerobot_gcdt.keys import ACHIEVED_GOAL, ACTION, ENVIRONMENT_STATE, GOAL, STATE, image_key
-from surrol_gym.envs.psm_env import PSMEnv
 from surrol_gym.registry import NAMESPACE, env_class, find_task
+
+if TYPE_CHECKING:
+    from surrol_gym.envs.psm_env import PSMEnv
 
 
 class CameraPictures(gym.ObservationWrapper):
@@ -26,7 +28,7 @@ class CameraPictures(gym.ObservationWrapper):
         size: Width and height, pixels.
     """
 
-    unwrapped: PSMEnv
+    unwrapped: "PSMEnv"  # imported for the type only: importing the policies loads no simulation
 
     def __init__(self, env: gym.Env, cameras: list[str], size: int):
         super().__init__(env)

@@ -378,8 +378,8 @@ def test_a_dataset_goes_into_a_folder_whose_parents_do_not_exist(tmp_path):
 # Interruptions.
 
 # Ends the recording with SIGKILL: before the k-th time that Python touches the folder, in the middle of an episode, and
-# twenty times at random moments, one after the other as long as the dataset is not whole. Children are forked, so that
-# the imports are paid for once.
+# at random moments, one after the other as long as the dataset is not whole. Children are forked, so that the imports
+# are paid for once.
 _KILLED = """
 import os, random, signal, sys, time
 from lerobot_gcdt.recording import demonstrations
@@ -458,21 +458,21 @@ assert in_child(uninterrupted) == 0
 duration = time.monotonic() - started
 touches = int(open(os.path.join(sys.argv[1], "touches")).read())
 os.remove(os.path.join(sys.argv[1], "touches"))
-for at in sorted({*range(1, touches, 16), *range(touches - 4, touches + 1)}):
+kills = int(sys.argv[2])
+for at in sorted({*range(1, touches, touches // kills + 1), touches - 1, touches}):
     killed(f"touch_{at}", lambda folder, at=at: count_touches(folder, at, die))
-for at in (1, 75):
-    killed(f"step_{at}", lambda folder, at=at: count_steps(at, die))
-killed_at_random(8, duration)
+killed("step", lambda folder: count_steps(75, die))
+killed_at_random(kills, duration)
 """
 
 
-@pytest.fixture(scope="module")
-def killed_recordings(tmp_path_factory):
+@pytest.fixture(scope="module", params=[4, pytest.param(100, marks=pytest.mark.study)], ids="{} kills".format)
+def killed_recordings(request, tmp_path_factory):
     """Folders of recordings that were killed once and run again, and of one that was not."""
     folder = tmp_path_factory.mktemp("killed")
-    command = [sys.executable, "-c", _KILLED, str(folder)]
+    command = [sys.executable, "-c", _KILLED, str(folder), str(request.param)]
     environment = os.environ | {"PYTHONHASHSEED": "7"}
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=300)
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=3000)
     assert done.returncode == 0, done.stderr[-3000:]
     return folder
 
