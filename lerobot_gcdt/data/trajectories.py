@@ -8,14 +8,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import pyarrow.parquet as pq
 import torch
 from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
 from torch import Tensor
 
+from lerobot_gcdt.data.columns import read_columns
 from lerobot_gcdt.data.draws import combine, uniform
 from lerobot_gcdt.data.opened_episodes import opened_episodes
 from lerobot_gcdt.data.task_layouts import task_layouts
@@ -138,15 +137,8 @@ class TrajectoryBank:
         training_episodes: list[int] | None = None,
         goal_in_state: Mapping[int, list[int]] | None = None,
     ):
-        files = sorted(Path(root).glob("data/*/*.parquet"))
-        if not files:
-            raise FileNotFoundError(f"There are no data files under {Path(root) / 'data'}; download the whole dataset.")
-        columns = (*REQUIRED_KEYS, "index", "episode_index", "frame_index", "task_index")
-        tables = [pq.read_table(file, columns=list(columns)) for file in files]
-        column = {
-            name: torch.from_numpy(np.concatenate([to_array(table[name]) for table in tables])).to(device)
-            for name in columns
-        }
+        names = (*REQUIRED_KEYS, "index", "episode_index", "frame_index", "task_index")
+        column = {name: torch.tensor(values, device=device) for name, values in read_columns(root, names).items()}
         _check_complete(column, Path(root))
         self.items: dict[str, Tensor] = {key: _two_dimensional(column[key]).float() for key in REQUIRED_KEYS}
         self.timestep: Tensor = column["frame_index"]
@@ -372,14 +364,6 @@ def _check_complete(column: dict[str, Tensor], root: Path) -> None:
             f"The frames in {root / 'data'} are incomplete or out of order: row {wrong} is frame {int(index[wrong])} "
             f"of the dataset and {int(step[wrong])} of episode {int(episode[wrong])}. Download the whole dataset again."
         )
-
-
-def to_array(column: Any) -> np.ndarray:
-    """A parquet column as an array: (N,) for scalars, (N, size) for lists."""
-    array = column.combine_chunks()
-    if hasattr(array, "flatten") and str(array.type).startswith(("list", "fixed_size_list", "large_list")):
-        return array.flatten().to_numpy(zero_copy_only=False).reshape(len(array), -1)
-    return array.to_numpy(zero_copy_only=False)
 
 
 def _two_dimensional(x: Tensor) -> Tensor:

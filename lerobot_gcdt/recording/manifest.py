@@ -6,9 +6,8 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
-import pyarrow.parquet as pq
 
-from lerobot_gcdt.data.trajectories import to_array
+from lerobot_gcdt.data.columns import read_columns
 from lerobot_gcdt.keys import ACHIEVED_GOAL, ACTION, DISTURBANCE, GOAL, REWARD, STATE, SUCCESS, TIME_TO_GOAL
 from lerobot_gcdt.recording.demonstrations import RECORDING_FILE
 from lerobot_gcdt.recording.facts import card_facts
@@ -37,9 +36,7 @@ def episode_hash(columns: dict[str, np.ndarray]) -> str:
 
 def episode_hashes(root: str | Path) -> list[str]:
     """Computes the hash of each episode of a dataset of ``gcdt record``, from its data files alone."""
-    files = sorted(Path(root).glob("data/*/*.parquet"))
-    tables = [pq.read_table(file, columns=[*HASHED, "episode_index"]) for file in files]
-    columns = {key: np.concatenate([to_array(table[key]) for table in tables]) for key in (*HASHED, "episode_index")}
+    columns = read_columns(root, (*HASHED, "episode_index"))
     bounds = np.flatnonzero(np.diff(columns.pop("episode_index"))) + 1
     episodes = zip(*(np.split(column, bounds) for column in columns.values()), strict=True)
     return [episode_hash(dict(zip(HASHED, episode, strict=True))) for episode in episodes]

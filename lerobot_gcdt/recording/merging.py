@@ -13,15 +13,14 @@ from pathlib import Path
 
 import datasets
 import numpy as np
-import pyarrow.parquet as pq
 from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
 from lerobot.datasets.dataset_tools import merge_datasets
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 from lerobot.utils.constants import DEFAULT_FEATURES
 from tqdm import tqdm
 
+from lerobot_gcdt.data.columns import read_columns
 from lerobot_gcdt.data.task_layouts import padded_names, table_of, task_layouts
-from lerobot_gcdt.data.trajectories import to_array
 from lerobot_gcdt.keys import (
     ACHIEVED_GOAL,
     ACTION,
@@ -134,16 +133,14 @@ def _padded_copy(meta: LeRobotDatasetMetadata, features: dict[str, dict], copy: 
         use_videos=False,
         video_backend="pyav",
     )
-    columns = [*COLUMNS, "episode_index", "task_index"]
+    columns = read_columns(meta.root, (*COLUMNS, "episode_index", "task_index"))
+    episodes = columns["episode_index"]
     sentences = list(meta.tasks.sort_values("task_index").index)
-    for file in sorted(meta.root.glob("data/*/*.parquet")):
-        table = pq.read_table(file, columns=columns)
-        frames = {key: to_array(table[key]) for key in columns}
-        for i, episode in enumerate(frames["episode_index"]):
-            frame = {key: _padded(frames[key][i : i + 1].reshape(-1), features[key]["shape"][0]) for key in COLUMNS}
-            dataset.add_frame(frame | {"task": sentences[frames["task_index"][i]]})
-            if i + 1 == len(table) or frames["episode_index"][i + 1] != episode:
-                dataset.save_episode()
+    for i, episode in enumerate(episodes):
+        frame = {key: _padded(columns[key][i : i + 1].reshape(-1), features[key]["shape"][0]) for key in COLUMNS}
+        dataset.add_frame(frame | {"task": sentences[columns["task_index"][i]]})
+        if i + 1 == len(episodes) or episodes[i + 1] != episode:
+            dataset.save_episode()
     dataset.finalize()
     (building / RECORDING_FILE).write_text(note)
     os.replace(building, copy)

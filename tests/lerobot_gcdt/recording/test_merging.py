@@ -9,8 +9,8 @@ import pytest
 from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
+from lerobot_gcdt.data.columns import read_columns
 from lerobot_gcdt.data.task_layouts import TaskLayout, task_layouts
-from lerobot_gcdt.data.trajectories import to_array
 from lerobot_gcdt.keys import ACTION, STATE
 from lerobot_gcdt.recording import merge, record
 from lerobot_gcdt.recording.demonstrations import RECORDING_FILE
@@ -22,8 +22,7 @@ REACH = "Move the closed jaw tips to the point above the needle."
 
 
 def columns(root):
-    table = pq.read_table(next(root.glob("data/*/*.parquet")))
-    return {name: to_array(table[name]) for name in table.column_names}
+    return read_columns(root, pq.read_schema(next(root.glob("data/*/*.parquet"))).names)
 
 
 def test_vectors_have_the_size_of_the_largest_task(uneven_meta):
