@@ -137,12 +137,21 @@ def _add_evaluate(commands: Any) -> None:
         help="evaluate trained policies from fresh starts; the episodes are kept beside their checkpoints",
         epilog=EVALUATE_EXAMPLE,
     )
-    evaluate.add_argument("trainings", nargs="+", metavar="TRAINING", help="training, or pretrained_model folder in it")
+    evaluate.add_argument(
+        "trainings",
+        nargs="+",
+        metavar="TRAINING",
+        help="training, or pretrained_model folder in it; with --episodes a single one, a repository on the Hub, or "
+        "generalist, which is built in",
+    )
     evaluate.add_argument(
         "--tasks", type=_names, help="tasks, separated by commas (default: all that the policy knows)"
     )
     evaluate.add_argument("--first_seed", type=int, default=100_000, help="seed of the first start (default 100000)")
     evaluate.add_argument("--starts", type=int, default=100, help="episodes of each task (default 100)")
+    evaluate.add_argument(
+        "--episodes", type=Path, metavar="FILE", help="keep the episodes in this Parquet file instead"
+    )
     evaluate.add_argument("--film", action="store_true", help="also film the first three, beside the checkpoint")
     evaluate.set_defaults(run=_evaluate)
 
@@ -245,22 +254,30 @@ def _train(options: argparse.Namespace) -> None:
 
 def _evaluate(options: argparse.Namespace) -> None:
     _check_tasks(options.tasks or [])
-    for training in options.trainings:
+    if options.episodes and len(options.trainings) > 1:
+        raise ValueError(f"--episodes keeps those of a single training, got {', '.join(options.trainings)}.")
+    for training in [] if options.episodes else options.trainings:
         _check_folder(Path(training), f"`gcdt train --dataset DATASET --output {training}` trains a policy")
 
+    from lerobot_gcdt import GENERALIST
     from lerobot_gcdt.evaluation import describe, evaluate_checkpoint, load_policy
     from lerobot_gcdt.evaluation.pictures import film
     from lerobot_gcdt.evaluation.tasks import tasks_of
-    from lerobot_gcdt.training import existing_checkpoint
+    from lerobot_gcdt.training import checkpoint, existing_checkpoint
 
     seeds = range(options.first_seed, options.first_seed + options.starts)
-    checkpoints = {training: existing_checkpoint(training) for training in options.trainings}
-    tasks = {training: tasks_of(checkpoint, options.tasks) for training, checkpoint in checkpoints.items()}
-    for training, checkpoint in checkpoints.items():
-        print(f"{training}\n{describe(evaluate_checkpoint(checkpoint, tasks[training], seeds))}", flush=True)
+    if options.episodes:
+        [named] = options.trainings
+        checkpoints = {named: GENERALIST if named == "generalist" else checkpoint(named)}
+    else:
+        checkpoints = {training: existing_checkpoint(training) for training in options.trainings}
+    tasks = {training: tasks_of(found, options.tasks) for training, found in checkpoints.items()}
+    for training, found in checkpoints.items():
+        episodes = evaluate_checkpoint(found, tasks[training], seeds, file=options.episodes)
+        print(f"{training}\n{describe(episodes)}", flush=True)
         for task in tasks[training] if options.film else []:
-            path = checkpoint.resolve().parent / f"{task}.mp4"
-            film(load_policy(checkpoint), task, seeds[:3], path)
+            path = (options.episodes or found.resolve()).parent / f"{task}.mp4"
+            film(load_policy(found), task, seeds[:3], path)
             print(f"The film is {path}.")
 
 

@@ -24,6 +24,7 @@ def evaluate_checkpoint(
     tasks: Sequence[str] | None = None,
     seeds: Sequence[int] = range(100_000, 100_100),
     batch_size: int = 25,
+    file: str | Path | None = None,
 ) -> pd.DataFrame:
     """Evaluates a checkpoint, on those of the starts that none of its kept episodes has.
 
@@ -31,21 +32,26 @@ def evaluate_checkpoint(
     removed.
 
     Args:
-        checkpoint: Folder ``pretrained_model`` of a checkpoint of `lerobot-train`.
+        checkpoint: Folder ``pretrained_model`` of a checkpoint of `lerobot-train`; with a file, any folder of a policy,
+            or a repository on the Hub.
         tasks: Names of tasks, of which those count that the policy knows; None for all that it knows.
         seeds: Seeds of the starts. Demonstrations count up from 0; those from 100000 on are for reporting.
         batch_size: Episodes that run side by side.
+        file: Parquet file that keeps the episodes of this checkpoint; None for the one beside it.
 
     Returns:
         The episodes of these tasks and seeds, rows of ``lerobot_gcdt.evaluation.evaluate``.
 
     Raises:
-        ValueError: The folder is none of `lerobot-train`, a task or a number is bad, or the policy does not know the
-            tasks.
+        ValueError: There is no file, and the folder is none of `lerobot-train`; a task or a number is bad, or the
+            policy does not know the tasks.
     """
-    if Path(checkpoint).resolve().name != "pretrained_model":
-        raise ValueError(f"{checkpoint} is no folder pretrained_model, beside which episodes could be kept.")
-    file = episodes_file(checkpoint)
+    if file is None and Path(checkpoint).resolve().name != "pretrained_model":
+        raise ValueError(
+            f"{checkpoint} is no folder pretrained_model, beside which its episodes could be kept; say where to keep "
+            "them, as in --episodes episodes.parquet."
+        )
+    file = Path(file) if file else episodes_file(checkpoint)
     tasks, policy = tasks_of(checkpoint, tasks), None
     check_starts(tasks, seeds)
     names = {task: task_name(find_task(task)) for task in tasks}
@@ -64,6 +70,7 @@ def _read(file: Path) -> pd.DataFrame:
 
 def _keep(file: Path, episodes: pd.DataFrame) -> None:
     """Adds episodes to those that are kept; another process may do so at the same time."""
+    file.parent.mkdir(parents=True, exist_ok=True)
     with FileLock(file.with_suffix(".lock")):
         if file.exists():
             episodes = pd.concat([pd.read_parquet(file), episodes]).drop_duplicates(["task", "seed"], ignore_index=True)

@@ -140,7 +140,7 @@ def test_evaluate_shows_and_films_the_starts_that_were_asked_for(tmp_path, tiny_
     tiny_config.save_pretrained(folder := tmp_path / "000001/pretrained_model")
     monkeypatch.setattr(
         "lerobot_gcdt.evaluation.evaluate_checkpoint",
-        lambda checkpoint, tasks, seeds: pd.DataFrame(
+        lambda checkpoint, tasks, seeds, file: pd.DataFrame(
             {"task": tasks[0], "seed": seeds, "reached": True, "held": False}
         ),
     )
@@ -229,3 +229,15 @@ def test_a_malformed_command_exits_with_status_2_and_the_usage(arguments, capsys
         cli.main(arguments)
     assert end.value.code == 2
     assert "usage: gcdt" in capsys.readouterr().err
+
+
+def test_the_built_in_policy_is_evaluated_by_its_name(tmp_path, capsys):
+    file = tmp_path / "episodes.parquet"
+    cli.main(["evaluate", "generalist", "--tasks", "NeedleReach", "--starts", "1", "--episodes", str(file)])
+    assert "NeedleReach reached" in capsys.readouterr().out
+    assert file.exists()
+
+
+def test_one_file_keeps_the_episodes_of_one_training(tmp_path):
+    with pytest.raises(SystemExit, match="a single training, got a, b"):
+        cli.main(["evaluate", "a", "b", "--episodes", str(tmp_path / "episodes.parquet")])

@@ -113,3 +113,11 @@ def test_episodes_are_kept_beside_checkpoints_of_trainings_only(checkpoint):
     bare = checkpoint.rename(checkpoint.with_name("downloaded"))
     with pytest.raises(ValueError, match="downloaded is no folder pretrained_model"):
         evaluate_checkpoint(bare, seeds=[0])
+
+
+def test_episodes_of_any_policy_are_kept_in_the_file_that_is_named(checkpoint, tmp_path):
+    policy = checkpoint.rename(tmp_path / "policy")
+    with pytest.raises(ValueError, match="policy is no folder pretrained_model.*--episodes"):
+        evaluate_checkpoint(policy, ["NeedleReach"], [7])
+    episodes = evaluate_checkpoint(policy, ["NeedleReach"], [7], file=tmp_path / "results/mine.parquet")
+    pd.testing.assert_frame_equal(episodes, pd.read_parquet(tmp_path / "results/mine.parquet"))
