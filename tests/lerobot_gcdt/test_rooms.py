@@ -27,7 +27,7 @@ MAY_IMPORT = {
     "benchmark": {"policy", "baselines", "recording", "evaluation", "training", "environment", "data", "keys"},
     "hub": {"recording", "evaluation", "training", "environment", "surrol_gym", "keys", "errors"},
     "lerobot_gcdt": {"policy", "baselines", "environment"},
-    "gcdt_cli": {"recording", "evaluation", "training", "hub", "benchmark", "surrol_gym"},
+    "gcdt_cli": {"lerobot_gcdt", "recording", "evaluation", "training", "hub", "benchmark", "surrol_gym"},
     "lerobot_policy_gcdt": {"lerobot_gcdt"},
 }
 """What each room may import beside itself. ``lerobot_gcdt`` stands for the package's own ``__init__.py``."""
