@@ -36,7 +36,7 @@ class Target:
         offset: From link 5 to where it should be, shape (3,), su.
         turn: Rotation of the tool that is left to do, radians.
         jaw: Gripper action: negative closes.
-        gain: Share of a large offset that one step covers; near the target it rises to ``NEAR_GAIN``.
+        gain: Share of a large offset that one step covers; near the target it rises to at least ``NEAR_GAIN``.
         speed: Largest action along an axis.
         turn_speed: Largest turning action.
     """
@@ -54,7 +54,7 @@ Law = Callable[[Reading], Target | tuple[Target, ...]]
 
 
 def grasp(
-    to_grasp: np.ndarray, turn: float = 0.0, hover: float = 0.025, aligned: float = 0.001, **kwargs: Any
+    to_grasp: np.ndarray, turn: float = 0.0, hover: float = 0.025, aligned: float = 0.004, **kwargs: Any
 ) -> Target:
     """Approaches an object from above with open jaws, and closes them on it.
 
@@ -114,7 +114,7 @@ class Expert:
 
 def _action(target: Target) -> tuple[float, ...]:
     distance = np.abs(target.offset).max()
-    gain = target.gain + (NEAR_GAIN - target.gain) * exp(-distance / NEAR)
+    gain = target.gain + max(0.0, NEAR_GAIN - target.gain) * exp(-distance / NEAR)
     motion = target.offset * min(gain / STEP_SIZE, target.speed / max(distance, 1e-12))
     return *motion, np.clip(target.turn, -target.turn_speed, target.turn_speed), target.jaw
 

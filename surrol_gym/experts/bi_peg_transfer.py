@@ -37,8 +37,6 @@ def law(seen: Reading) -> tuple[Target, Target]:
     park2 = Target(_park(psm2, -0.12, block.ground), jaw=OPEN)
     if is_on_peg(block.centre, goal) and not (hand1.holds and block.centre[2] > goal[2]):
         return hand1.retreat(), park2
-    if hand1.holds and hand2.holds:
-        return Target(still, jaw=CLOSE), Target(still, jaw=OPEN)
     if hand1.holds:
         if hypot(*hand2.offset) < 0.06:
             return Target(still, jaw=CLOSE), hand2.retreat()

@@ -22,7 +22,8 @@ CARRIED = 0.09
 # of link 5 above the middle of the wall (docs/experts.md#pace-and-grasps-of-the-original)
 _GRASP_HEIGHT = 0.015 + TIP_OFFSET
 _RIDGE_HEIGHT = TIP_OFFSET - 0.013  # of link 5 above the ridge of a lying block
-_HELD_JAW = (0.08, 0.5)  # radians: closed on nothing the jaws are at 0, open at 0.7
+_ALIGNED = 0.006  # misalignment of the hand below which open jaws enclose the wall
+_HELD_JAW = (0.03, 0.5)  # radians: closed on nothing the jaws are at 0, open at 0.7
 _STUCK_JAW = 0.75  # radians: something inside pushes the jaws apart
 _HOVER = 0.1  # of link 5 above the grasp, so that open jaws pass above pegs
 _HOLE_PLAY = 0.015  # across, between hole and peg
@@ -119,7 +120,9 @@ class Hand:
         yaw = (yaw + 2.0) % (2 * np.pi) - 2.0
         self.turn = heading(directions[choice][1], directions[choice][0]) % np.pi - yaw
         near = np.linalg.norm(points - self._position, axis=1).min() < 0.025
-        self.holds = bool(near and _HELD_JAW[0] < self._jaw < _HELD_JAW[1])
+        # In the air the wall may slip between closed jaws, and they still hold it.
+        slip = -0.3 if block.centre[2] > block.tip + 0.02 else _HELD_JAW[0]
+        self.holds = bool(near and slip < self._jaw < _HELD_JAW[1])
 
     def _wall_grasps(self, order: list[int]) -> tuple[np.ndarray, np.ndarray]:
         directions = self._block.walls[order]
@@ -155,7 +158,7 @@ class Hand:
             # It hangs on the jaws, but not in their grasp: shake it off.
             return Target(np.zeros(3), jaw=CLOSE if self._jaw > _HELD_JAW[1] else OPEN)
         misalignment = max(np.hypot(*self.offset[:2]), 0.15 * abs(self.turn)) + hypot(*ahead)
-        if misalignment < 0.004 and abs(self.offset[2]) < 0.006:
+        if misalignment < _ALIGNED and abs(self.offset[2]) < 0.009:
             return Target(self.offset, self.turn, CLOSE, gain=0.5)
         return self._approach(self.offset + ahead, misalignment, self.turn, OPEN)
 
@@ -216,9 +219,9 @@ class Hand:
 
     def retreat(self) -> Target:
         """Opens the jaws and moves up, out of the block."""
-        return Target(np.array((0.0, 0.0, max(_HOVER + self.offset[2], 0.0))), jaw=OPEN)
+        return Target(np.array((0.0, 0.0, max(_HOVER + self.offset[2], 0.0))), jaw=OPEN, gain=0.7)
 
     @staticmethod
     def _approach(offset: np.ndarray, misalignment: float, turn: float, jaw: float, hover: float = _HOVER) -> Target:
-        clearance = np.clip(3 * (misalignment - 0.004), 0.0, hover)
+        clearance = np.clip(3 * (misalignment - _ALIGNED), 0.0, hover)
         return Target(offset + (0.0, 0.0, clearance), turn, jaw, gain=0.4, speed=0.9, turn_speed=0.7)

@@ -45,8 +45,8 @@ HOVER = 0.045
 RETREAT_HEIGHT = 3.55
 """Height to which link 5 rises when the piece is in its recess, su."""
 
-GAIN, SPEED = 0.24, 0.9
-"""Share of the way to a distant target that one step covers, and the largest action along an axis."""
+GAIN, TURN_SPEED = 0.5, 0.8
+"""Share of the way to a distant target that one step covers, and the largest turning action."""
 
 # The same as arrays, by class.
 _CATCHES = np.array([(*CATCHES[glyph][:2], np.deg2rad(CATCHES[glyph][2]), GRASP_DEPTHS[glyph]) for glyph in GLYPHS])
@@ -78,14 +78,14 @@ def law(seen: Reading) -> Target:
         slant = TILT_REACH * np.sqrt(max(0.0, 1.0 - rotation[2, 2] ** 2))
         to_release = seat + (0.0, 0.0, BOARD_TOP + 0.001 + depth + slant) - piece
         to_release[2] = max(to_release[2], above_tiles + 0.001)
-        return _carry(to_release, turn, 0.001 + 0.1 * slant)
+        return _carry(to_release, turn, 0.003 + 0.1 * slant)
     from_seat = piece - seat
     if np.hypot(from_seat[0], from_seat[1]) < 0.012 and from_seat[2] < SEATED[number] - 0.001:
         return Target(np.array((0.0, 0.0, max(0.0, RETREAT_HEIGHT - position[2]))), jaw=OPEN, speed=0.4)
     if abs(rotation[2, 2]) < 0.6:
         return _topple(piece, rotation[:2, 2], position, jaw)
     turn = nearest_yaw(heading(stroke[1], stroke[0]) + np.pi / 2, np.pi) - tool_yaw  # the jaws are symmetric
-    target = grasp(reachable, turn, gain=GAIN)
+    target = grasp(reachable, turn, gain=GAIN, turn_speed=TURN_SPEED)
     # Jaws that closed on nothing open again.
     return target if jaw > HELD_JAW[0] else replace(target, jaw=OPEN)
 
@@ -107,8 +107,8 @@ def _topple(piece: np.ndarray, normal: np.ndarray, position: np.ndarray, jaw: fl
 def _carry(to_release: np.ndarray, turn: float, tolerance: float) -> Target:
     """Moves a held piece above the board to the place where it is let go, and turns it on the way."""
     misalignment = max(np.hypot(to_release[0], to_release[1]), 0.05 * abs(turn))
-    if misalignment < tolerance and abs(to_release[2]) < 0.001:
+    if misalignment < tolerance and abs(to_release[2]) < 0.003:
         return Target(np.zeros(3), jaw=OPEN)
-    wanted = to_release + (0.0, 0.0, np.clip(12 * (misalignment - tolerance), 0.0, HOVER))
+    wanted = to_release + (0.0, 0.0, np.clip(4 * (misalignment - tolerance), 0.0, HOVER))
     share = np.clip(1.0 - (wanted[2] - 0.005) / 0.015, 0.0, 1.0)  # up first
-    return Target(wanted * (share, share, 1.0), turn * share, CLOSE, gain=GAIN * (0.6 + 0.4 * share), speed=SPEED)
+    return Target(wanted * (share, share, 1.0), turn * share, CLOSE, gain=GAIN, speed=0.9, turn_speed=TURN_SPEED)

@@ -1,5 +1,6 @@
 """MatchBoardPanel: open the lid, lay the letter in its cell, close the lid. Lengths are su."""
 
+from functools import partial
 from math import cos, sin, sumprod
 
 import numpy as np
@@ -25,7 +26,7 @@ PARKED = np.array((3.005, 0.185, 3.3882))
 """Where a letter is put down that is in the way of the lid."""
 CLOSED = 0.004
 """A lid that has slid no further is closed."""
-CARRY_SPEED = 0.7
+CARRY_SPEED = 0.9
 """Largest action along an axis with the letter between the jaws."""
 REST = 0.0045
 """Height of a letter that lies in its cell above its goal."""
@@ -39,12 +40,14 @@ PUSH_HEIGHT = 0.048
 """Height of link 5 above the handle that it pushes."""
 TOUCH = 0.0106
 """Distance from link 5 to the handle that it pushes, along y."""
-GAIN = 0.8
-"""Share of a large offset that one step covers."""
+ALIGNED = 0.005
+"""Misalignment below which the jaws close; 0.05 su of it count as one radian."""
 OPEN_ENOUGH = 0.355
 """How far a lid has slid that leaves room for the letter in any cell below it."""
-PUSH_SPEED = 0.7
+PUSH_SPEED = 0.8
 """Largest action along an axis while pushing."""
+
+_move = partial(Target, gain=0.8, turn_speed=0.8)
 
 
 def law(seen: Reading) -> Target:
@@ -63,16 +66,16 @@ def law(seen: Reading) -> Target:
     held = near and HELD_JAW[0] < jaw < HELD_JAW[1]
     if _lies_at(to_goal, held):
         if near:
-            return Target(np.array((0.0, 0.0, 0.05 if jaw > 0.4 else 0.0)), jaw=OPEN, gain=GAIN)
+            return _move(np.array((0.0, 0.0, 0.05 if jaw > 0.4 else 0.0)), jaw=OPEN)
         if slid > CLOSED:
             return _push(position, yaw, jaw, handle, side=1, to=seen.goal_handle_y - 0.001)
-        return Target(np.array((0.0, 0.0, max(0.0, TRANSIT - position[2]))), -yaw, gain=GAIN)
+        return _move(np.array((0.0, 0.0, max(0.0, TRANSIT - position[2]))), -yaw)
     if held:
         if slid < OPEN_ENOUGH:
             to_goal = PARKED - letter
             if _lies_at(to_goal, held):
                 return Target(np.zeros(3), jaw=OPEN)
-        return Target(_over(to_goal + (0.0, 0.0, 0.003), position), gain=GAIN, speed=CARRY_SPEED)
+        return _move(_over(to_goal + (0.0, 0.0, 0.003), position), speed=CARRY_SPEED)
     normal = _normal(seen.grip_rpy)
     if abs(normal[2]) < FLAT:
         return _topple(position, yaw, letter, normal, handle)
@@ -83,8 +86,8 @@ def law(seen: Reading) -> Target:
         return _push(position, yaw, jaw, handle, side=-1, to=seen.goal_handle_y + OPEN_ENOUGH + 0.015)
     best = np.argmin(OBSTRUCTED * _obstructions(grasps, yaws, handle) + GRASP_COSTS)
     to_grasp, turn = to_grasps[best], yaws[best] - yaw
-    there = max(lateral[best], abs(height), 0.05 * abs(turn)) < 0.003
-    return Target(_over(to_grasp, position, turn), turn, CLOSE if there and jaw > HELD_JAW[0] else OPEN, gain=GAIN)
+    there = max(lateral[best], abs(height), 0.05 * abs(turn)) < ALIGNED
+    return _move(_over(to_grasp, position, turn), turn, CLOSE if there and jaw > HELD_JAW[0] else OPEN)
 
 
 def _grasps(letter: np.ndarray, yaw: float) -> tuple[np.ndarray, np.ndarray]:
@@ -127,7 +130,7 @@ def _topple(position: np.ndarray, yaw: float, letter: np.ndarray, normal: np.nda
     starts = offset + np.outer((-RUN_UP, RUN_UP), across)
     obstructions = _obstructions(position + starts, np.full(2, jaws), handle)
     start = starts[np.argmin(OBSTRUCTED * obstructions + 0.2 * np.linalg.norm(starts, axis=1))]
-    return Target(_over(start, position, turn), turn, OPEN, gain=GAIN)
+    return _move(_over(start, position, turn), turn, OPEN)
 
 
 def _push(position: np.ndarray, yaw: float, jaw: float, handle: np.ndarray, side: int, to: float) -> Target:
@@ -138,10 +141,10 @@ def _push(position: np.ndarray, yaw: float, jaw: float, handle: np.ndarray, side
     offset = handle + (0.0, side * TOUCH, PUSH_HEIGHT) - position
     gap = -side * offset[1]
     if max(abs(offset[0]), abs(offset[2])) < 0.004 and -0.005 < gap < 0.025 and abs(yaw) < 0.12:
-        return Target(offset + (0.0, to - handle[1], 0.0), -yaw, gain=GAIN, speed=PUSH_SPEED)
+        return _move(offset + (0.0, to - handle[1], 0.0), -yaw, speed=PUSH_SPEED)
     # Jaws that closed around the handle let it go on their way up.
     stuck = jaw > 0.1 and offset[2] > -0.03 and np.hypot(offset[0], gap + TOUCH) < 0.05
-    return Target(_over(offset + (0.0, side * 0.012, 0.0), position), -yaw, OPEN if stuck else CLOSE, gain=GAIN)
+    return _move(_over(offset + (0.0, side * 0.012, 0.0), position), -yaw, OPEN if stuck else CLOSE)
 
 
 def _over(offset: np.ndarray, position: np.ndarray, turn: float = 0.0) -> np.ndarray:

@@ -6,7 +6,7 @@ from math import cos
 import numpy as np
 
 from surrol_gym.envs.goal_env import Reading
-from surrol_gym.experts import CLOSE, OPEN, Target, grasp, nearest_yaw
+from surrol_gym.experts import CLOSE, OPEN, Target, grasp
 
 GRASP_HEIGHT = 0.0275
 """Height of link 5 above the top of a jack in the grasp, su (docs/experts.md#pace-and-grasps-of-the-original)."""
@@ -29,16 +29,16 @@ FOOT = 0.027
 RETREAT_HEIGHT = 3.6
 """Height to which link 5 rises when both jacks are in place, su."""
 
-GAIN, SPEED = 0.22, 0.8
-"""Share of the way to a distant target that one step covers, and the largest action along an axis."""
+GAIN = 0.5
+"""Share of the way to a distant target that one step covers."""
+
+ALIGNED = 0.006
+"""Misalignment below which the jaws close on a jack, or let it go, su."""
 
 
 def law(seen: Reading) -> Target:
-    """Recognises each phase from the state.
-
-    Jaws that close along a jack's own x axis find it symmetric, even when its third foot hangs on a rim.
-    """
-    tool_yaw, jaw = nearest_yaw(seen.psm1_yaw), seen.psm1_jaw
+    """Recognises each phase from the state. The tool never turns: jaws find the ball of a jack from every side."""
+    jaw = seen.psm1_jaw
     origins, eulers = np.array((seen.red, seen.green)), np.array((seen.red_top_rpy, seen.green_top_rpy))
     to_places = np.array((seen.goal_red_top, seen.goal_green_top)) + (0.0, 0.0, STANDING) - origins
     to_grasps = np.array((seen.red_top, seen.green_top)) + (0.0, 0.0, GRASP_HEIGHT) - seen.psm1
@@ -47,10 +47,9 @@ def law(seen: Reading) -> Target:
             return _carry(to_place, euler)
     # The green one goes first where it stands in the way.
     order = (0, 1) if np.abs(seen.goal_red_top[:2] - origins[1, :2]).max() > 0.045 else (1, 0)
-    for to_place, to_grasp, euler in zip(to_places[order, :], to_grasps[order, :], eulers[order, :], strict=True):
+    for to_place, to_grasp in zip(to_places[order, :], to_grasps[order, :], strict=True):
         if np.abs(to_place).max() > PLACED:
-            turn = nearest_yaw(euler[2], np.pi) - tool_yaw  # the jaws are symmetric
-            target = grasp(to_grasp, turn, HOVER, aligned=0.004, gain=GAIN, speed=SPEED)
+            target = grasp(to_grasp, hover=HOVER, aligned=ALIGNED, gain=GAIN)
             # Jaws that closed on nothing open again.
             gripper = target.jaw if jaw > HELD_JAW[0] else OPEN
             return replace(target, offset=_rise_first(target.offset), jaw=gripper)
@@ -62,10 +61,10 @@ def _carry(to_place: np.ndarray, euler: np.ndarray) -> Target:
     slant = np.sqrt(max(0.0, 1.0 - (cos(euler[0]) * cos(euler[1])) ** 2))
     to_place = to_place + (0.0, 0.0, 0.003 + FOOT * slant)
     lateral = np.hypot(to_place[0], to_place[1])
-    if lateral < 0.004 and abs(to_place[2]) < 0.003:
+    if lateral < ALIGNED and abs(to_place[2]) < ALIGNED:
         return Target(np.zeros(3), jaw=OPEN)
-    wanted = to_place + (0.0, 0.0, np.clip(3 * (lateral - 0.003), 0.0, HOVER))
-    return Target(_rise_first(wanted), jaw=CLOSE, gain=GAIN, speed=SPEED)
+    wanted = to_place + (0.0, 0.0, np.clip(3 * (lateral - ALIGNED), 0.0, HOVER))
+    return Target(_rise_first(wanted), jaw=CLOSE, gain=GAIN)
 
 
 def _rise_first(offset: np.ndarray) -> np.ndarray:
