@@ -1,8 +1,13 @@
-"""Environment variables of all tests, set before any library reads them."""
+"""What all studies share."""
 
-import os
+import pytest
 
-# Nothing here needs the Hub; a test that would ask it fails at once instead of waiting for the network.
-os.environ.setdefault("HF_HUB_OFFLINE", "1")
-# The tests run side by side, so each process has one core.
-os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+def pytest_addoption(parser):
+    parser.addoption("--episodes", type=int, help="how many episodes a study plays, instead of its own number")
+
+
+@pytest.fixture
+def seeds(request):
+    """``seeds(first, count)``, those of a study's episodes: ``count`` of them unless ``--episodes`` says otherwise."""
+    return lambda first, count: range(first, first + (request.config.getoption("episodes") or count))

@@ -28,7 +28,7 @@ They take it deeper than those of PSM1 hold it, lest a push draws them off while
 """
 
 BESIDE, BACK = 0.012, 0.03
-"""How far beside the needle's point open jaws still enclose it, and how far behind it they wait until they would, su."""
+"""How far beside the needle's point open jaws still enclose it, and how far behind it they wait till they would, su."""
 
 GAIN = 0.3
 """Share of a large offset that one step covers."""

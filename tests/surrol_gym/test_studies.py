@@ -11,53 +11,59 @@ import surrol_gym
 pytestmark = [pytest.mark.study, pytest.mark.parametrize("task", surrol_gym.TASKS)]
 
 
-def run(env, act, seed, steps, since=0):
-    """Plays an episode; returns whether it succeeded at any step since a given one, and whether at the last."""
+def run(env, act, seed, steps):
+    """Plays an episode; returns whether each step was a success."""
     observation, _ = env.reset(seed=seed)
-    reached = False
+    successes = []
     for step in range(steps):
         observation, _, _, _, info = env.step(act(observation, step))
-        reached |= info["is_success"] and step >= since
-    return reached, info["is_success"]
+        successes.append(info["is_success"])
+    return np.array(successes)
 
 
-def test_experts_succeed_in_99_percent_of_500_episodes_and_hold_the_goal(make, task):
+def test_experts_succeed_in_99_percent_of_episodes_hold_the_goal_and_leave_time(make, task, seeds):
     env = make(task)
     expert = surrol_gym.make_expert(env)
     steps = env.spec.max_episode_steps
-    seeds = range(30_000, 30_500)
-    outcomes = np.array([run(env, lambda observation, _: expert.act(observation), seed, steps) for seed in seeds])
-    print(f"{task}: reached {outcomes[:, 0].sum()}, held {outcomes[:, 1].sum()} of {len(outcomes)}")
-    assert outcomes.mean(axis=0).min() >= 0.99
+    played = [run(env, lambda observation, _: expert.act(observation), seed, steps) for seed in seeds(30_000, 500)]
+    held = np.mean([successes[-1] for successes in played])
+    firsts = [1 + successes.argmax() for successes in played if successes.any()]
+    print(f"{task}: held {held:.3f} of {len(played)}, first success at step {np.mean(firsts):.1f} of {steps}")
+    assert min(held, len(firsts) / len(played)) >= 0.99
+    assert np.mean(firsts) <= 0.75 * steps
 
 
-def test_experts_recover_from_five_random_actions(make, task, request):
-    if task == "NeedleRegrasp":
-        reason = "half of the random actions open the jaws, and the needle falls where no arm reaches"
-        request.applymarker(pytest.mark.xfail(reason=reason, strict=True))
+def test_experts_recover_from_five_random_actions(make, task, seeds):
+    """In NeedleRegrasp the jaws obey: the needle would fall to where no arm reaches."""
     env = make(task).unwrapped
     expert = surrol_gym.make_expert(env)
     limit = gym.spec(f"surrol/{task}-v0").max_episode_steps
-    outcomes = []
-    for seed in range(40_000, 40_200):
+    recovered = []
+    for seed in seeds(40_000, 200):
         rng = np.random.default_rng([seed, 1])
         begin = rng.integers(0, limit - 5)
 
         def act(observation, step, rng=rng, begin=begin):
-            return rng.uniform(-1, 1, env.action_space.shape) if 0 <= step - begin < 5 else expert.act(observation)
+            action = expert.act(observation)
+            if not 0 <= step - begin < 5:
+                return action
+            disturbed = rng.uniform(-1, 1, env.action_space.shape)
+            if task == "NeedleRegrasp":
+                disturbed[4::5] = action[4::5]
+            return disturbed
 
-        outcomes.append(run(env, act, seed, 2 * limit, since=begin + 5))
-    recovered, held = np.sum(outcomes, axis=0)
-    print(f"{task}: {recovered} of {len(outcomes)} succeeded after the disturbance, {held} to the end")
-    assert recovered >= 0.95 * len(outcomes)
+        recovered.append(run(env, act, seed, 2 * limit)[begin + 5 :].any())
+    print(f"{task}: {sum(recovered)} of {len(recovered)} succeeded after the random actions")
+    assert np.mean(recovered) >= 0.95
 
 
-def test_a_random_policy_succeeds_in_nothing_but_reaching(make, task):
+def test_a_random_policy_succeeds_in_nothing_but_reaching(make, task, seeds):
     env = make(task)
     env.action_space.seed(0)
     steps = env.spec.max_episode_steps
-    reached = sum(run(env, lambda *_: env.action_space.sample(), seed, steps)[0] for seed in range(50_000, 50_200))
-    print(f"{task}: {reached} of 200 by chance")
+    episodes = seeds(50_000, 200)
+    reached = sum(run(env, lambda *_: env.action_space.sample(), seed, steps).any() for seed in episodes)
+    print(f"{task}: {reached} of {len(episodes)} by chance")
     if task != "NeedleReach":
         assert reached == 0
 

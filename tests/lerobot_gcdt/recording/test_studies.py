@@ -1,0 +1,22 @@
+"""What takes long to show: ``pytest -m study tests/lerobot_gcdt/recording/test_studies.py``."""
+
+from contextlib import closing
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import surrol_gym
+from lerobot_gcdt.recording.collection import PUBLISHED_DISTURB
+from lerobot_gcdt.recording.demonstrations import run_episode
+
+pytestmark = pytest.mark.study
+
+
+@pytest.mark.parametrize("task", surrol_gym.TASKS)
+def test_experts_succeed_in_95_percent_of_episodes_in_which_the_arms_are_pushed(task, seeds):
+    with closing(gym.make(f"surrol/{task}-v0")) as env:
+        played = [run_episode(env, seed, PUBLISHED_DISTURB)["success"] for seed in seeds(60_000, 200)]
+    firsts = [1 + successes.argmax() for successes in played if successes.any()]
+    print(f"{task}: {len(firsts)} of {len(played)} succeeded, first at step {np.mean(firsts):.1f} on average")
+    assert len(firsts) >= 0.95 * len(played)
