@@ -153,6 +153,11 @@ def _add_evaluate(commands: Any) -> None:
         "--episodes", type=Path, metavar="FILE", help="keep the episodes in this Parquet file instead"
     )
     evaluate.add_argument("--film", action="store_true", help="also film the first three, beside the checkpoint")
+    sensors = evaluate.add_argument_group("imperfect sensors, with --episodes")
+    sensors.add_argument("--position_std", type=float, default=0.0, help="noise of each coordinate, su (default 0)")
+    sensors.add_argument("--angle_std", type=float, default=0.0, help="noise of each angle, radians (default 0)")
+    sensors.add_argument("--dropout", type=float, default=0.0, help="probability that a step is missed (default 0)")
+    sensors.add_argument("--delay", type=int, default=0, help="steps by which what is shown lags (default 0)")
     evaluate.set_defaults(run=_evaluate)
 
 
@@ -256,6 +261,13 @@ def _evaluate(options: argparse.Namespace) -> None:
     _check_tasks(options.tasks or [])
     if options.episodes and len(options.trainings) > 1:
         raise ValueError(f"--episodes keeps those of a single training, got {', '.join(options.trainings)}.")
+    from surrol_gym.wrappers import PERFECT
+
+    sensors = {name: value for name in PERFECT if (value := getattr(options, name))}
+    if sensors and not options.episodes:
+        raise ValueError(
+            f"Episodes of imperfect sensors ({', '.join(sensors)}) need a file of their own: --episodes."
+        )
     for training in [] if options.episodes else options.trainings:
         _check_folder(Path(training), f"`gcdt train --dataset DATASET --output {training}` trains a policy")
 
@@ -273,11 +285,11 @@ def _evaluate(options: argparse.Namespace) -> None:
         checkpoints = {training: existing_checkpoint(training) for training in options.trainings}
     tasks = {training: tasks_of(found, options.tasks) for training, found in checkpoints.items()}
     for training, found in checkpoints.items():
-        episodes = evaluate_checkpoint(found, tasks[training], seeds, file=options.episodes)
+        episodes = evaluate_checkpoint(found, tasks[training], seeds, file=options.episodes, sensors=sensors)
         print(f"{training}\n{describe(episodes)}", flush=True)
         for task in tasks[training] if options.film else []:
             path = (options.episodes or found.resolve()).parent / f"{task}.mp4"
-            film(load_policy(found), task, seeds[:3], path)
+            film(load_policy(found), task, seeds[:3], path, sensors=sensors)
             print(f"The film is {path}.")
 
 

@@ -15,6 +15,10 @@ SENSORS = 2
 """Tells the random stream of an episode's sensors from that of its start, which the seed alone makes."""
 
 
+PERFECT = {"position_std": 0.0, "angle_std": 0.0, "dropout": 0.0, "delay": 0}
+"""Arguments of sensors that show the truth."""
+
+
 class ImperfectSensors(gym.Wrapper, gym.utils.RecordConstructorArgs):
     """Shows the observations of a task as imperfect sensors would see them.
 
@@ -74,11 +78,11 @@ class ImperfectSensors(gym.Wrapper, gym.utils.RecordConstructorArgs):
         self._derived = {key: quantity.derived_from for key, quantity in quantities.items() if quantity.derived_from}
         goals, of_unit = set(task.goal_names), {"su": position_std, "rad": angle_std}
 
-        def std(quantity: Quantity) -> float:
+        def std_of(quantity: Quantity) -> float:
             return 0.0 if goals.issuperset(quantity.names) else of_unit.get(quantity.unit, 0.0)
 
         self._std = {
-            key: np.full(len(quantity.names), std(quantity))
+            key: np.full(len(quantity.names), std_of(quantity))
             for key, quantity in quantities.items()
             if not quantity.derived_from
         }

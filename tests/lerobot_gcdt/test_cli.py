@@ -140,13 +140,13 @@ def test_evaluate_shows_and_films_the_starts_that_were_asked_for(tmp_path, tiny_
     tiny_config.save_pretrained(folder := tmp_path / "000001/pretrained_model")
     monkeypatch.setattr(
         "lerobot_gcdt.evaluation.evaluate_checkpoint",
-        lambda checkpoint, tasks, seeds, file: pd.DataFrame(
+        lambda checkpoint, tasks, seeds, file, sensors: pd.DataFrame(
             {"task": tasks[0], "seed": seeds, "reached": True, "held": False}
         ),
     )
     films = []
     monkeypatch.setattr("lerobot_gcdt.evaluation.load_policy", lambda path: path)
-    monkeypatch.setattr("lerobot_gcdt.evaluation.pictures.film", lambda *arguments: films.append(arguments))
+    monkeypatch.setattr("lerobot_gcdt.evaluation.pictures.film", lambda *arguments, **_: films.append(arguments))
     cli.main(["evaluate", str(folder), "--tasks", "NeedlePick", "--first_seed", "7", "--starts", "4", "--film"])
     assert "NeedlePick held    0.00" in (printed := capsys.readouterr().out)
     assert "4 starts, seeds 7-10" in printed
@@ -241,3 +241,23 @@ def test_the_built_in_policy_is_evaluated_by_its_name(tmp_path, capsys):
 def test_one_file_keeps_the_episodes_of_one_training(tmp_path):
     with pytest.raises(SystemExit, match="a single training, got a, b"):
         cli.main(["evaluate", "a", "b", "--episodes", str(tmp_path / "episodes.parquet")])
+
+
+def test_imperfect_sensors_need_a_file_of_their_own(tmp_path):
+    with pytest.raises(SystemExit, match="dropout.*--episodes"):
+        cli.main(["evaluate", str(tmp_path), "--dropout", "0.1"])
+
+
+def test_the_sensors_that_are_asked_for_are_those_of_the_evaluation_and_the_film(tmp_path, monkeypatch):
+    file, calls = tmp_path / "episodes.parquet", []
+    rows = pd.DataFrame({"task": ["NeedleReach"], "seed": 7, "reached": True, "held": True})
+    for name, returned in (("evaluate_checkpoint", rows), ("pictures.film", None)):
+
+        def note(*arguments, sensors, returned=returned, **options):
+            calls.append(sensors)
+            return returned
+
+        monkeypatch.setattr(f"lerobot_gcdt.evaluation.{name}", note)
+    command = ["evaluate", "generalist", "--tasks", "NeedleReach", "--episodes", str(file), "--film"]
+    cli.main([*command, "--position_std", "0.01", "--delay", "2"])
+    assert calls == [{"position_std": 0.01, "delay": 2}] * 2
