@@ -64,6 +64,18 @@ def _add_record(commands: Any) -> None:
         "(default 0, with --all that of the published datasets)",
     )
     record.add_argument(
+        "--policy",
+        metavar="TRAINING",
+        help="let a policy act at the beginning of every episode, and record what the expert would have done (DAgger): "
+        "a training, a pretrained_model folder, a repository on the Hub, or generalist, which is built in",
+    )
+    record.add_argument(
+        "--mix",
+        type=float,
+        metavar="BETA",
+        help="with --policy: probability that a step of its part executes the expert's action (default 0)",
+    )
+    record.add_argument(
         "--fields",
         type=_names,
         default=[],
@@ -195,6 +207,10 @@ def _check_folder(folder: Path, remedy: str) -> None:
 
 def _record(options: argparse.Namespace) -> None:
     _check_tasks([options.task] if options.task else [])
+    if options.all and options.policy:
+        raise ValueError("--policy acts in the recording of a single task; name it with --task instead of --all.")
+    if options.mix is not None and not options.policy:
+        raise ValueError(f"--mix {options.mix:g} needs a policy to mix with: --policy.")
 
     from lerobot_gcdt.recording import record
     from lerobot_gcdt.recording.collection import PUBLISHED_DISTURB, record_all
@@ -203,7 +219,10 @@ def _record(options: argparse.Namespace) -> None:
 
     extras = Extras(options.fields, options.cameras, options.camera_size)
     if not options.all:
-        record(options.task, options.episodes, options.seed, options.root, options.disturb or 0.0, extras)
+        learner = _learner(options.policy, options.task, options.mix or 0.0) if options.policy else None
+        record(
+            options.task, options.episodes, options.seed, options.root, options.disturb or 0.0, extras, learner=learner
+        )
         return
     disturb = PUBLISHED_DISTURB if options.disturb is None else options.disturb
     roots = record_all(options.root, options.episodes, options.seed, disturb, extras, options.workers)
@@ -212,6 +231,27 @@ def _record(options: argparse.Namespace) -> None:
         write_manifest(roots, manifest)
     else:
         _compare(roots, manifest)
+
+
+def _learner(named: str, task: str, mix: float) -> Any:
+    """Loads the policy that acts while a task is recorded, a ``lerobot_gcdt.recording.Learner``."""
+    from lerobot_gcdt.evaluation import load_policy
+    from lerobot_gcdt.evaluation.tasks import tasks_of
+    from lerobot_gcdt.recording import Learner
+
+    found = _checkpoint(named)
+    tasks_of(found, [task])
+    if found.parent.is_symlink():  # checkpoints/last, which is another one after more training
+        named = str(found.parent.parent / found.parent.resolve().name / found.name)
+    return Learner(load_policy(found), named, mix)
+
+
+def _checkpoint(named: str) -> Path:
+    """Returns where a policy is loaded from: the built-in one, a training, a folder, or a repository on the Hub."""
+    from lerobot_gcdt import GENERALIST
+    from lerobot_gcdt.training import checkpoint
+
+    return GENERALIST if named == "generalist" else checkpoint(named)
 
 
 def _compare(roots: list[Path], manifest: Path) -> None:
@@ -265,22 +305,18 @@ def _evaluate(options: argparse.Namespace) -> None:
 
     sensors = {name: value for name in PERFECT if (value := getattr(options, name))}
     if sensors and not options.episodes:
-        raise ValueError(
-            f"Episodes of imperfect sensors ({', '.join(sensors)}) need a file of their own: --episodes."
-        )
+        raise ValueError(f"Episodes of imperfect sensors ({', '.join(sensors)}) need a file of their own: --episodes.")
     for training in [] if options.episodes else options.trainings:
         _check_folder(Path(training), f"`gcdt train --dataset DATASET --output {training}` trains a policy")
 
-    from lerobot_gcdt import GENERALIST
     from lerobot_gcdt.evaluation import describe, evaluate_checkpoint, load_policy
     from lerobot_gcdt.evaluation.pictures import film
     from lerobot_gcdt.evaluation.tasks import tasks_of
-    from lerobot_gcdt.training import checkpoint, existing_checkpoint
+    from lerobot_gcdt.training import existing_checkpoint
 
     seeds = range(options.first_seed, options.first_seed + options.starts)
     if options.episodes:
-        [named] = options.trainings
-        checkpoints = {named: GENERALIST if named == "generalist" else checkpoint(named)}
+        checkpoints = {training: _checkpoint(training) for training in options.trainings}
     else:
         checkpoints = {training: existing_checkpoint(training) for training in options.trainings}
     tasks = {training: tasks_of(found, options.tasks) for training, found in checkpoints.items()}

@@ -4,6 +4,7 @@ import os
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 from filelock import FileLock
@@ -26,7 +27,7 @@ def evaluate_checkpoint(
     seeds: Sequence[int] = range(100_000, 100_100),
     batch_size: int = 25,
     file: str | Path | None = None,
-    sensors: Mapping[str, float] | None = None,
+    sensors: Mapping[str, Any] | None = None,
 ) -> pd.DataFrame:
     """Evaluates a checkpoint, on those of the starts that none of its kept episodes has.
 

@@ -26,7 +26,7 @@ def film(
     seeds: Iterable[int],
     path: str | Path,
     size: int = 384,
-    sensors: Mapping[str, float] | None = None,
+    sensors: Mapping[str, Any] | None = None,
 ) -> list[bool]:
     """Films a policy, one episode after the other, at twice the speed of the simulation.
 

@@ -23,7 +23,7 @@ def evaluate(
     seeds: Iterable[int],
     batch_size: int = 25,
     on_batch: Callable[[pd.DataFrame], None] | None = None,
-    sensors: Mapping[str, float] | None = None,
+    sensors: Mapping[str, Any] | None = None,
 ) -> pd.DataFrame:
     """Runs a policy from seeded starts, every episode to its time limit.
 
@@ -87,7 +87,7 @@ def rollout(
     task: str,
     seeds: list[int],
     watch: Callable[[gym.vector.SyncVectorEnv], None] | None = None,
-    sensors: Mapping[str, float] | None = None,
+    sensors: Mapping[str, Any] | None = None,
     **options: Any,
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Runs one episode a seed, side by side, to the time limit.
