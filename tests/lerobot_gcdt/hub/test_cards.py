@@ -171,6 +171,15 @@ def test_pushes_are_told_where_there_were_any(needle_reach_root, rich_root):
     assert "was pushed" not in dataset_card(needle_reach_root)
 
 
+def test_a_policy_that_acted_is_told_where_there_was_one(needle_reach_root):
+    facts = card_facts(needle_reach_root)
+    assert "policy `" not in card(facts, "user/reach", "pictures")
+    told = " ".join(card(facts | {"policy": "outputs/my reach", "mix": 0.25}, "user/reach", "pictures").split())
+    assert "--policy 'outputs/my reach' --mix 0.25 --root" in told
+    assert "the policy `outputs/my reach` acted" in told and "probability 0.25" in told
+    assert "Nothing diverts the expert" not in told
+
+
 def test_loading_is_shown_by_the_repository_id(root):
     assert 'LeRobotDataset("me/thing")' in dataset_card(root, "me/thing")
     assert f'LeRobotDataset("user/{root.name}")' in dataset_card(root)
