@@ -6,6 +6,7 @@ from pathlib import Path
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure  # without pyplot: the backend of a notebook or a script stays as it is
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from lerobot_gcdt.evaluation.statistics import trainings_interval
 
@@ -89,10 +90,13 @@ def plot_success(rates: pd.DataFrame, path: Path) -> None:
             points = rates[(rates.task == task) & (rates.method == method)].sort_values("step")
             _draw(axes, points, method, colour)
         axes.set(title=task, xscale="log", ylim=(-0.02, 1.02))
-        axes.grid(alpha=0.3, which="both")
+        axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axes.xaxis.set_major_formatter("{x:g}")
+        axes.xaxis.set_minor_formatter(NullFormatter())
+        axes.grid(alpha=0.3)
     for axes in panels:  # left over
         axes.set_axis_off()
-    figure.supxlabel("seconds of training", fontsize=10)
+    figure.supxlabel("seconds of training (CPU time; wall time on a GPU)", fontsize=10)
     figure.supylabel("success rate", fontsize=10)
     figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=4, fontsize=9)
     figure.savefig(path, dpi=130)
