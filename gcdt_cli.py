@@ -16,6 +16,7 @@ IMPORT_EXAMPLE = "example: gcdt import data_NeedlePickRL-v0_random_200.npz --tas
 MERGE_EXAMPLE = "example: gcdt merge datasets/needle_pick datasets/peg_transfer --root datasets/surrol_cross_task"
 TRAIN_EXAMPLE = "example: gcdt train --dataset datasets/surrol_needle_pick --output outputs/needle_pick"
 EVALUATE_EXAMPLE = "example: gcdt evaluate outputs/needle_pick --first_seed 100000 --starts 100"
+BENCHMARK_EXAMPLE = "example: gcdt benchmark --datasets datasets --tasks PickAndPlace,MatchBoard --methods gcdt bc"
 PUBLISH_EXAMPLE = "example: gcdt publish datasets/surrol_needle_pick --repo_id user/surrol_needle_pick --dry_run"
 
 
@@ -32,6 +33,7 @@ def main(arguments: list[str] | None = None) -> None:
     _add_merge(commands)
     _add_train(commands)
     _add_evaluate(commands)
+    _add_benchmark(commands)
     _add_publish(commands)
     options = parser.parse_args(arguments)
     try:
@@ -173,6 +175,51 @@ def _add_evaluate(commands: Any) -> None:
     evaluate.set_defaults(run=_evaluate)
 
 
+def _add_benchmark(commands: Any) -> None:
+    benchmark = commands.add_parser(
+        "benchmark",
+        help="train methods on tasks with several seeds, and draw their success against the seconds of training",
+        epilog=f"{BENCHMARK_EXAMPLE}; repeated, the command goes on where it was interrupted",
+    )
+    benchmark.add_argument("--datasets", type=Path, default=Path("datasets"), help="folder of the published datasets")
+    benchmark.add_argument(
+        "--output",
+        type=Path,
+        default=Path("outputs/benchmark"),
+        help="folder of the trainings, METHOD/TASK/SEED, and of the results (default outputs/benchmark)",
+    )
+    benchmark.add_argument("--tasks", type=_names, required=True, help="tasks, separated by commas")
+    benchmark.add_argument(
+        "--methods",
+        nargs="+",
+        default=["gcdt,bc"],
+        metavar="METHOD",
+        help="types of policies, also separated by commas, and variants in quotes, as a name and what it stands for, "
+        "such as 'long=gcdt --policy.context_length=100 --steps=8000' (default gcdt,bc)",
+    )
+    benchmark.add_argument(
+        "--seeds", type=_numbers, default=[0, 1, 2], help="seeds of the trainings, separated by commas (default 0,1,2)"
+    )
+    benchmark.add_argument(
+        "--steps", type=int, help="optimiser steps of methods that do not say their own (default: as for gcdt train)"
+    )
+    benchmark.add_argument(
+        "--points", type=int, default=4, help="checkpoints of each training that are evaluated (default 4)"
+    )
+    benchmark.add_argument("--starts", type=int, default=200, help="episodes of each checkpoint (default 200)")
+    benchmark.add_argument(
+        "--first_seed",
+        type=int,
+        default=20_000,
+        help="seed of the first start (default 20000, for validation: starts from 100000 on are for reporting, so "
+        "nothing may be chosen by them)",
+    )
+    benchmark.add_argument(
+        "options", nargs="*", metavar="-- OPTION", help="more arguments of lerobot-train, of all methods, after --"
+    )
+    benchmark.set_defaults(run=_benchmark)
+
+
 def _add_publish(commands: Any) -> None:
     publish = commands.add_parser(
         "publish", help="publish a dataset or a trained policy, with its card, on the Hub", epilog=PUBLISH_EXAMPLE
@@ -189,6 +236,15 @@ def _add_publish(commands: Any) -> None:
 
 def _names(text: str) -> list[str]:
     return [name.strip() for name in text.split(",")]
+
+
+def _numbers(text: str) -> list[int]:
+    return [int(number) for number in text.split(",")]
+
+
+def _methods(arguments: list[str]) -> list[str]:
+    """The methods, each by itself; what stands for one may hold commas."""
+    return [method for text in arguments for method in ([text] if "=" in text else _names(text))]
 
 
 def _check_tasks(names: list[str]) -> None:
@@ -327,6 +383,20 @@ def _evaluate(options: argparse.Namespace) -> None:
             path = (options.episodes or found.resolve()).parent / f"{task}.mp4"
             film(load_policy(found), task, seeds[:3], path, sensors=sensors)
             print(f"The film is {path}.")
+
+
+def _benchmark(options: argparse.Namespace) -> None:
+    _check_tasks(options.tasks)
+    _check_folder(options.datasets, f"`gcdt record --all --root {options.datasets}` records the datasets")
+
+    from lerobot_gcdt.benchmark.learning import benchmark
+    from lerobot_gcdt.benchmark.report import success_rates, success_table
+
+    starts = range(options.first_seed, options.first_seed + options.starts)
+    asked = {name: getattr(options, name) for name in ("datasets", "output", "tasks", "seeds", "steps", "points")}
+    episodes = benchmark(methods=_methods(options.methods), starts=starts, options=options.options, **asked)
+    print(success_table(success_rates(episodes)))
+    print(f"The episodes, this table and a figure lie in {options.output}.")
 
 
 def _publish(options: argparse.Namespace) -> None:

@@ -65,7 +65,7 @@ def evaluate_checkpoint(
         kept = _read(file)
         if missing := sorted(set(seeds) - set(kept.seed[kept.task == name])):
             policy = policy or load_policy(checkpoint)
-            evaluate(policy, [task], missing, batch_size, on_batch=partial(_keep, file), sensors=sensors)
+            evaluate(policy, [task], missing, batch_size, on_batch=partial(keep_episodes, file), sensors=sensors)
     asked = pd.MultiIndex.from_product([names.values(), seeds], names=["task", "seed"])
     return _read(file).set_index(["task", "seed"]).loc[asked].reset_index()
 
@@ -82,12 +82,18 @@ def _read(file: Path) -> pd.DataFrame:
     return pd.read_parquet(file) if file.exists() else pd.DataFrame(columns=["task", "seed"])
 
 
-def _keep(file: Path, episodes: pd.DataFrame) -> None:
-    """Adds episodes to those that are kept; another process may do so at the same time."""
+def keep_episodes(file: Path, episodes: pd.DataFrame, key: Sequence[str] = ("task", "seed")) -> None:
+    """Adds episodes to those in a Parquet file; another process may do so at the same time.
+
+    Args:
+        file: The file.
+        episodes: Rows of ``lerobot_gcdt.evaluation.evaluate``, maybe with further columns.
+        key: Columns that tell episodes apart; of one that is there already, the row that is there stays.
+    """
     file.parent.mkdir(parents=True, exist_ok=True)
     with FileLock(file.with_suffix(".lock")):
         if file.exists():
-            episodes = pd.concat([pd.read_parquet(file), episodes]).drop_duplicates(["task", "seed"], ignore_index=True)
+            episodes = pd.concat([pd.read_parquet(file), episodes]).drop_duplicates([*key], ignore_index=True)
         unfinished = file.with_suffix(".unfinished")
         episodes.to_parquet(unfinished)
         os.replace(unfinished, file)

@@ -32,7 +32,7 @@ def test_help_shows_an_example(arguments, capsys):
     assert "gcdt record --task NeedlePick --episodes 100 --seed 0 --root" in printed
 
 
-@pytest.mark.parametrize("command", ["record", "import", "merge", "train", "evaluate", "publish"])
+@pytest.mark.parametrize("command", ["record", "import", "merge", "train", "evaluate", "benchmark", "publish"])
 def test_the_example_in_the_help_is_a_valid_command(command, capsys, monkeypatch):
     calls = []
     monkeypatch.setattr(cli, f"_{command}", calls.append)
@@ -92,8 +92,9 @@ def test_an_unknown_task_ends_with_one_line_and_no_traceback(tmp_path):
         ["record", "--task", "NeedleThread", "--root", "x"],
         ["train", "--dataset", "missing", "--output", "x"],
         ["evaluate", "missing"],
+        ["benchmark", "--tasks", "NeedleReach", "--datasets", "missing"],
     ],
-    ids=["help", "help of a command", "no number", "unknown task", "no dataset", "no training"],
+    ids=["help", "help of a command", "no number", "unknown task", "no dataset", "no training", "no datasets"],
 )
 def test_help_and_mistakes_are_answered_without_slow_imports(arguments):
     program = f"""
@@ -134,6 +135,29 @@ def test_train_passes_on_what_was_asked_for(tmp_path, monkeypatch):
     command = [part for name, value in asked.items() for part in (f"--{name}", str(value))]
     cli.main(["train", *command, "--", "--policy.chunk_size=5", "--seed=3"])
     assert calls == [asked | {"options": ["--policy.chunk_size=5", "--seed=3"]}]
+
+
+def test_benchmark_passes_on_what_was_asked_for(tmp_path, monkeypatch, capsys):
+    calls = []
+    outcome = {"method": "bc", "task": "NeedlePick", "training_seed": 3, "step": 8, "seconds": 7.0, "seed": [5, 6]}
+    episodes = pd.DataFrame(outcome | {"reached": True, "held": False, "steps": 9.0})
+    monkeypatch.setattr(
+        "lerobot_gcdt.benchmark.learning.benchmark", lambda **arguments: calls.append(arguments) or episodes
+    )
+    folders = {"datasets": tmp_path, "output": tmp_path / "x"}
+    command = ["benchmark", *(part for name, value in folders.items() for part in (f"--{name}", str(value)))]
+    command += ["--tasks", "NeedlePick,NeedleReach", "--methods", "gcdt,bc", "wide=bc --policy.hidden_sizes=[9,9]"]
+    command += ["--seeds", "3,4", "--steps", "8", "--points", "2", "--starts", "2", "--first_seed", "5"]
+    cli.main([*command, "--", "--policy.device=cpu"])
+    asked = {"tasks": ["NeedlePick", "NeedleReach"], "methods": ["gcdt", "bc", "wide=bc --policy.hidden_sizes=[9,9]"]}
+    asked |= {"seeds": [3, 4], "steps": 8, "points": 2, "starts": range(5, 7), "options": ["--policy.device=cpu"]}
+    assert calls == [folders | asked]
+    assert "| NeedlePick | bc | 1 | 2 | 8 | 7 | 1.00 (0.34-1.00) | 0.00 (0.00-0.66) |" in capsys.readouterr().out
+
+
+def test_the_help_of_benchmark_says_what_starts_are_for(capsys):
+    told = " ".join(help_of(["benchmark"], capsys).split())
+    assert "20000, for validation: starts from 100000 on are for reporting" in told
 
 
 def test_evaluate_shows_and_films_the_starts_that_were_asked_for(tmp_path, tiny_config, monkeypatch, capsys):
