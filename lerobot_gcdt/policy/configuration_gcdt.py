@@ -37,12 +37,13 @@ class GCDTConfig(SingleFrames):
             once as a cut and, in place of its first frame, the demonstration itself.
         relative_goal: Whether a goal token also holds what is left to the goal: desired minus achieved goal. False is
             the paper's.
-        one_token: Whether the items of a step are joined into one token, and past actions left out. That costs a quarter
-            of the paper's way, a token an item, and less with a longer context.
-        time_to_goal_dropout: Share of the training pieces whose time-to-goal is hidden. From these the policy learns to
-            predict it, and at test time it acts on its own prediction; with 1 it neither gets nor predicts any. 0 is
-            the paper's: time-to-goal is always given, counts down from ``expected_steps`` at test time, and tokens
-            carry an embedding of their timestep. The policy then acts by the clock (docs/differences.md).
+        one_token: Whether the items of a step are joined into one token, and past actions left out. That costs a
+            quarter of the paper's way, a token an item, and less with a longer context.
+        time_to_goal_dropout: Share of the training pieces whose time-to-goal is hidden, of those with their own goal;
+            the policy learns to predict it there. 1: it is hidden at test time, too. Between 0 and 1: the policy then
+            acts on its own prediction. 0 is the paper's: it is always given, counts down from ``expected_steps`` at
+            test time, and tokens carry an embedding of their timestep, so that the policy acts by the clock
+            (docs/differences.md).
         training_stage: ``"pretrain"``: all four objectives, usually on many tasks; ``"finetune"``: actions only.
         dynamics_weight: Weight of the forward-dynamics objective in pretraining, beside 1 for the actions; 0 leaves it
             out.
@@ -77,7 +78,7 @@ class GCDTConfig(SingleFrames):
     hindsight_ratio: float = 0.5
     relative_goal: bool = True
     one_token: bool = True
-    time_to_goal_dropout: float = 0.5
+    time_to_goal_dropout: float = 1.0
     training_stage: str = "finetune"
     dynamics_weight: float = 0.1
     time_to_goal_weight: float = 0.1
@@ -121,7 +122,8 @@ class GCDTConfig(SingleFrames):
         if self.predicts_time_to_goal and not self.time_to_goal_weight:
             raise OptionError(
                 f"policy.time_to_goal_dropout={self.time_to_goal_dropout} has the policy act on its own prediction of "
-                "time-to-goal, which policy.time_to_goal_weight=0 leaves untrained; set the dropout to 0 or 1, or a weight."
+                "time-to-goal, which policy.time_to_goal_weight=0 leaves untrained; set the dropout to 0 or 1, or a "
+                "weight."
             )
         if self.training_stage not in ("pretrain", "finetune"):
             raise OptionError(f"policy.training_stage must be 'pretrain' or 'finetune', got {self.training_stage!r}.")

@@ -164,7 +164,7 @@ class GCDTPolicy(PreTrainedPolicy):
                 return errors.mean(), {"action_loss": errors.mean().item()}
             loss = mean_over_processes(errors)
             log = {"action_loss": loss.item()}
-            if self.config.predicts_time_to_goal:
+            if self.config.time_to_goal_dropout > 0 and self.config.time_to_goal_weight > 0:
                 of_time = time_to_goal_error(self, sequences, states, without_time & sequences.real)
                 loss = loss + self.config.time_to_goal_weight * of_time
                 log["time_to_goal_loss"] = of_time.item()
@@ -364,7 +364,7 @@ class GCDTPolicy(PreTrainedPolicy):
         return {
             f"{name}_loss": (weight, OBJECTIVES[name].loss(self, sequences))
             for name, weight in self.config.objective_weights.items()
-            if weight and not (name == "time_to_goal" and self.config.predicts_time_to_goal)  # a part of the main loss
+            if weight and not (name == "time_to_goal" and self.config.time_to_goal_dropout > 0)  # is in the main loss
         }
 
     def _tokenize(self, sequences: Sequences, keys: tuple[str, ...], hidden: Tensor | None) -> Tensor:
@@ -431,10 +431,15 @@ class GCDTPolicy(PreTrainedPolicy):
         return actions
 
     def _without_time(self, sequences: Sequences) -> Tensor:
-        """Steps whose time-to-goal is hidden, shape (R, S): of whole pieces in training, else of all or none."""
+        """Steps whose time-to-goal is hidden, shape (R, S): in training of some pieces, and else of all or none.
+
+        What is relabelled always shows it: without, the way to a goal that was merely passed contradicts the way to one
+        that was meant.
+        """
         dropout = self.config.time_to_goal_dropout
-        if self.training and dropout < 1:
-            return uniform(combine(self.training_step, sequences.key), _HIDE_TIME) < dropout
+        if self.training and dropout > 0:
+            drawn = uniform(combine(self.training_step, sequences.key), _HIDE_TIME) < dropout
+            return drawn & ~sequences.relabelled
         return torch.full_like(sequences.real, dropout > 0)
 
     def _countdown(self, task: str, step: int) -> float:
