@@ -107,7 +107,7 @@ def parse_method(text: str, points: int, steps: int | None = None, options: Iter
     try:
         check_options([f"--policy.type={policy}", "--policy.push_to_hub=false", "--dataset.repo_id=any", *settings])
     except ValueError as error:
-        raise ValueError(f"The method {name} has an option that lerobot-train does not take: {error}") from None
+        raise ValueError(f"lerobot-train does not take the options of the method {name}: {error}") from None
     return Method(name, policy, steps, points, settings)
 
 

@@ -98,7 +98,9 @@ def plot_success(rates: pd.DataFrame, path: Path) -> None:
         axes.set_axis_off()
     figure.supxlabel("seconds of training (CPU time; wall time on a GPU)", fontsize=10)
     figure.supylabel("success rate", fontsize=10)
-    figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=4, fontsize=9)
+    figure.legend(
+        *figure.axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=len(colours), fontsize=9
+    )
     figure.savefig(path, dpi=130)
 
 

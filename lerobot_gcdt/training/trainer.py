@@ -69,7 +69,8 @@ def check_options(arguments: Sequence[str]) -> None:
         try:
             read()
         except SystemExit:
-            raise ValueError(told.getvalue().strip().splitlines()[-1]) from None
+            last = told.getvalue().strip().splitlines()[-1].strip()
+            raise ValueError(last.removeprefix("lerobot-train: error: ")) from None
 
 
 def _clocks() -> dict[str, float]:

@@ -32,7 +32,7 @@ def whole(datasets, command):
 
 @pytest.fixture
 def asked(monkeypatch):
-    """The trainings that are asked for, folder and arguments; nothing is trained, and every episode is a success."""
+    """The trainings asked for, folder and arguments; nothing is trained or drawn, and every episode succeeds."""
     calls = []
 
     def train(dataset, folder, policy, stage, steps, options):
@@ -44,6 +44,7 @@ def asked(monkeypatch):
     monkeypatch.setattr(learning, "train", train)
     monkeypatch.setattr(learning, "evaluate_checkpoint", evaluate_checkpoint)
     monkeypatch.setattr(learning, "training_seconds", lambda folder, step: float(step))
+    monkeypatch.setattr(learning, "write_report", lambda episodes, output: None)
     return calls
 
 
@@ -168,8 +169,8 @@ def test_a_method_is_a_type_or_a_name_and_what_it_stands_for():
         ({"methods": ["bc", "bc"]}, "at least one method, each once"),
         ({"methods": ["act"]}, "type act .* --steps"),
         ({"methods": ["bc=bc --steps=many"]}, "The method bc has --steps=many"),
-        ({"methods": ["wide=bc --policy.width=9"]}, "The method wide .*--policy.width=9"),
-        ({"methods": ["wide=bc policy.width=9"]}, "The method wide .*policy.width=9"),
+        ({"methods": ["wide=bc --policy.width=9"]}, "method wide: .*`width` are not valid for BCConfig"),
+        ({"methods": ["wide=bc policy.width=9"]}, "method wide: unrecognized arguments: policy.width=9"),
         ({"tasks": ["NeedleReach", "NeedleSew"]}, "Unknown task 'NeedleSew'; choose one of NeedleReach"),
         ({"tasks": ["NeedleReach", "NeedleReach-v0"]}, "at least one task, each once"),
         ({"tasks": ["NeedleReach", "MatchBoard"]}, "gcdt record --task MatchBoard --root .*surrol_match_board"),
