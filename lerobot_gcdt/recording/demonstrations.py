@@ -256,8 +256,8 @@ def _record_episodes(
             if failures == FAILURES_IN_A_ROW:
                 raise RuntimeError(
                     f"{'A policy and the' if learner else 'The'} expert of {wanted.env_id} failed {failures} times in "
-                    f"a row, the last time with seed {wanted.seed + attempt - 1}; the {len(kept)} successful episodes are kept in {parts}. "
-                    "Ask for fewer episodes, or start from another seed in another folder."
+                    f"a row, the last time with seed {wanted.seed + attempt - 1}; the {len(kept)} successful episodes "
+                    f"are kept in {parts}. Ask for fewer episodes, or start from another seed in another folder."
                 )
     return kept
 
