@@ -6,6 +6,7 @@ The manifest keeps the facts of the published datasets, whose cards can thus be 
 
 import shlex
 import textwrap
+from collections import Counter
 from dataclasses import asdict
 from pathlib import Path
 
@@ -195,10 +196,12 @@ def card(facts: dict, repo_id: str, pictures: str) -> str:
 def recording_commands(facts: dict, root: str) -> list[str]:
     """Returns the commands that make a dataset in the folder ``root``, by what ``meta/surrol.json`` says of it."""
     if "merged_from" in facts:
-        parts = {
-            f"datasets/{dataset_name(task_of(part))}{'_imported' * is_imported(part)}": part
-            for part in recordings(facts)
-        }
+        parts: dict[str, dict] = {}
+        folders: Counter[str] = Counter()
+        for part in recordings(facts):
+            folder = f"datasets/{dataset_name(task_of(part))}{'_imported' * is_imported(part)}"
+            parts[f"{folder}_{folders[folder]}" if folder in folders else folder] = part
+            folders[folder] += 1
         made = [command for folder, part in parts.items() for command in recording_commands(part, folder)]
         return [*made, " \\\n  ".join(["gcdt merge", *parts, f"--root {root}"])]
     if is_imported(facts):

@@ -202,6 +202,14 @@ def test_a_merged_dataset_is_described_task_by_task(uneven_root, uneven_meta):
         assert len(rows(text.split(f"### {task}\n")[1], "#### `observation.state`")) == numbers
 
 
+def test_recordings_of_one_task_are_made_in_folders_of_their_own(needle_reach_root):
+    part = card_facts(needle_reach_root)
+    learned = part | {"policy": "outputs/reach", "mix": 0.0}
+    text = card({"merged_from": [part, learned]}, "me/thing", "pictures")
+    assert "--root datasets/surrol_needle_reach\n" in text and "--root datasets/surrol_needle_reach_1\n" in text
+    assert "policy `outputs/reach`" in text
+
+
 def test_a_merger_of_mergers_is_described_by_its_recordings(uneven_root):
     facts = card_facts(uneven_root)
     assert card({"merged_from": [facts]}, "me/thing", "pictures") == card(facts, "me/thing", "pictures")
