@@ -27,10 +27,12 @@ LOSSES = {
 }
 
 
-@pytest.fixture(params=[True, False], ids=["relative_goal", "absolute_goal"])
+@pytest.fixture(params=["paper", "relative_goal", "one_token"])
 def policy(request, tiny_config, needle_pick_meta):
     torch.manual_seed(0)
-    tiny_config.relative_goal = request.param
+    tiny_config.relative_goal = request.param != "paper"
+    tiny_config.one_token = request.param == "one_token"
+    tiny_config.time_to_goal_dropout = 0.5 if request.param == "one_token" else 0.0
     return GCDTPolicy(tiny_config, dataset_meta=needle_pick_meta)
 
 
@@ -80,7 +82,8 @@ def test_an_action_is_predicted_without_itself(policy, sequences, t, monkeypatch
     gradient = dependence(policy, sequences, "action", ACTION, (0, t), monkeypatch)
     assert (gradient[ACTION][0, t:] == 0).all()
     assert (gradient[STATE][0, t] != 0).any() and (gradient[GOAL][0, t] != 0).any()
-    assert (gradient[TIME_TO_GOAL][0, t] != 0).any()
+    shown = policy.config.time_to_goal_dropout == 0
+    assert (gradient[TIME_TO_GOAL][0, t] != 0).any() == shown
 
 
 @pytest.mark.parametrize("t", range(1, 10))
