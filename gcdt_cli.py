@@ -16,6 +16,7 @@ IMPORT_EXAMPLE = "example: gcdt import data_NeedlePickRL-v0_random_200.npz --tas
 MERGE_EXAMPLE = "example: gcdt merge datasets/needle_pick datasets/peg_transfer --root datasets/surrol_cross_task"
 TRAIN_EXAMPLE = "example: gcdt train --dataset datasets/surrol_needle_pick --output outputs/needle_pick"
 EVALUATE_EXAMPLE = "example: gcdt evaluate outputs/needle_pick --first_seed 100000 --starts 100"
+BENCHMARK_EXAMPLE = "example: gcdt benchmark --datasets datasets --tasks PickAndPlace,MatchBoard --methods gcdt bc"
 PUBLISH_EXAMPLE = "example: gcdt publish datasets/surrol_needle_pick --repo_id user/surrol_needle_pick --dry_run"
 
 
@@ -32,6 +33,7 @@ def main(arguments: list[str] | None = None) -> None:
     _add_merge(commands)
     _add_train(commands)
     _add_evaluate(commands)
+    _add_benchmark(commands)
     _add_publish(commands)
     options = parser.parse_args(arguments)
     try:
@@ -62,6 +64,18 @@ def _add_record(commands: Any) -> None:
         metavar="LEVEL",
         help="push the arm now and then, by up to LEVEL of a full action; the expert corrects "
         "(default 0, with --all that of the published datasets)",
+    )
+    record.add_argument(
+        "--policy",
+        metavar="TRAINING",
+        help="let a policy act at the beginning of every episode, and record what the expert would have done (DAgger): "
+        "a training, a pretrained_model folder, a repository on the Hub, or generalist, which is built in",
+    )
+    record.add_argument(
+        "--mix",
+        type=float,
+        metavar="BETA",
+        help="with --policy: probability that a step of its part executes the expert's action (default 0)",
     )
     record.add_argument(
         "--fields",
@@ -153,7 +167,57 @@ def _add_evaluate(commands: Any) -> None:
         "--episodes", type=Path, metavar="FILE", help="keep the episodes in this Parquet file instead"
     )
     evaluate.add_argument("--film", action="store_true", help="also film the first three, beside the checkpoint")
+    sensors = evaluate.add_argument_group("imperfect sensors, with --episodes")
+    sensors.add_argument("--position_std", type=float, default=0.0, help="noise of each coordinate, su (default 0)")
+    sensors.add_argument("--angle_std", type=float, default=0.0, help="noise of each angle, radians (default 0)")
+    sensors.add_argument("--dropout", type=float, default=0.0, help="probability that a step is missed (default 0)")
+    sensors.add_argument("--delay", type=int, default=0, help="steps by which what is shown lags (default 0)")
     evaluate.set_defaults(run=_evaluate)
+
+
+def _add_benchmark(commands: Any) -> None:
+    benchmark = commands.add_parser(
+        "benchmark",
+        help="train methods on tasks with several seeds, and draw their success against the seconds of training",
+        epilog=f"{BENCHMARK_EXAMPLE}; repeated, the command goes on where it was interrupted",
+    )
+    benchmark.add_argument("--datasets", type=Path, default=Path("datasets"), help="folder of the published datasets")
+    benchmark.add_argument(
+        "--output",
+        type=Path,
+        default=Path("outputs/benchmark"),
+        help="folder of the trainings, METHOD/TASK/SEED, and of the results (default outputs/benchmark)",
+    )
+    benchmark.add_argument("--tasks", type=_names, required=True, help="tasks, separated by commas")
+    benchmark.add_argument(
+        "--methods",
+        nargs="+",
+        default=["gcdt,bc"],
+        metavar="METHOD",
+        help="types of policies, also separated by commas, and variants in quotes, as a name and what it stands for, "
+        "such as 'long=gcdt --policy.context_length=100 --steps=8000' (default gcdt,bc)",
+    )
+    benchmark.add_argument(
+        "--seeds", type=_numbers, default=[0, 1, 2], help="seeds of the trainings, separated by commas (default 0,1,2)"
+    )
+    benchmark.add_argument(
+        "--steps", type=int, help="optimiser steps of methods that do not say their own (default: as for gcdt train)"
+    )
+    benchmark.add_argument(
+        "--points", type=int, default=4, help="checkpoints of each training that are evaluated (default 4)"
+    )
+    benchmark.add_argument("--starts", type=int, default=200, help="episodes of each checkpoint (default 200)")
+    benchmark.add_argument(
+        "--first_seed",
+        type=int,
+        default=20_000,
+        help="seed of the first start (default 20000, for validation: starts from 100000 on are for reporting, so "
+        "nothing may be chosen by them)",
+    )
+    benchmark.add_argument(
+        "options", nargs="*", metavar="-- OPTION", help="more arguments of lerobot-train, of all methods, after --"
+    )
+    benchmark.set_defaults(run=_benchmark)
 
 
 def _add_publish(commands: Any) -> None:
@@ -174,6 +238,15 @@ def _names(text: str) -> list[str]:
     return [name.strip() for name in text.split(",")]
 
 
+def _numbers(text: str) -> list[int]:
+    return [int(number) for number in text.split(",")]
+
+
+def _methods(arguments: list[str]) -> list[str]:
+    """The methods, each by itself; what stands for one may hold commas."""
+    return [method for text in arguments for method in ([text] if "=" in text else _names(text))]
+
+
 def _check_tasks(names: list[str]) -> None:
     """Raises ValueError for an unknown task, before anything slow is imported."""
     import surrol_gym
@@ -190,6 +263,10 @@ def _check_folder(folder: Path, remedy: str) -> None:
 
 def _record(options: argparse.Namespace) -> None:
     _check_tasks([options.task] if options.task else [])
+    if options.all and options.policy:
+        raise ValueError("--policy acts in the recording of a single task; name it with --task instead of --all.")
+    if options.mix is not None and not options.policy:
+        raise ValueError(f"--mix {options.mix:g} needs a policy to mix with: --policy.")
 
     from lerobot_gcdt.recording import record
     from lerobot_gcdt.recording.collection import PUBLISHED_DISTURB, record_all
@@ -198,7 +275,10 @@ def _record(options: argparse.Namespace) -> None:
 
     extras = Extras(options.fields, options.cameras, options.camera_size)
     if not options.all:
-        record(options.task, options.episodes, options.seed, options.root, options.disturb or 0.0, extras)
+        learner = _learner(options.policy, options.task, options.mix or 0.0) if options.policy else None
+        record(
+            options.task, options.episodes, options.seed, options.root, options.disturb or 0.0, extras, learner=learner
+        )
         return
     disturb = PUBLISHED_DISTURB if options.disturb is None else options.disturb
     roots = record_all(options.root, options.episodes, options.seed, disturb, extras, options.workers)
@@ -207,6 +287,27 @@ def _record(options: argparse.Namespace) -> None:
         write_manifest(roots, manifest)
     else:
         _compare(roots, manifest)
+
+
+def _learner(named: str, task: str, mix: float) -> Any:
+    """Loads the policy that acts while a task is recorded, a ``lerobot_gcdt.recording.Learner``."""
+    from lerobot_gcdt.evaluation import load_policy
+    from lerobot_gcdt.evaluation.tasks import tasks_of
+    from lerobot_gcdt.recording import Learner
+
+    found = _checkpoint(named)
+    tasks_of(found, [task])
+    if found.parent.is_symlink():  # checkpoints/last, which is another one after more training
+        named = str(found.parent.parent / found.parent.resolve().name / found.name)
+    return Learner(load_policy(found), named, mix)
+
+
+def _checkpoint(named: str) -> Path:
+    """Returns where a policy is loaded from: the built-in one, a training, a folder, or a repository on the Hub."""
+    from lerobot_gcdt import GENERALIST
+    from lerobot_gcdt.training import checkpoint
+
+    return GENERALIST if named == "generalist" else checkpoint(named)
 
 
 def _compare(roots: list[Path], manifest: Path) -> None:
@@ -256,29 +357,46 @@ def _evaluate(options: argparse.Namespace) -> None:
     _check_tasks(options.tasks or [])
     if options.episodes and len(options.trainings) > 1:
         raise ValueError(f"--episodes keeps those of a single training, got {', '.join(options.trainings)}.")
+    from surrol_gym.wrappers import PERFECT
+
+    sensors = {name: value for name in PERFECT if (value := getattr(options, name))}
+    if sensors and not options.episodes:
+        raise ValueError(f"Episodes of imperfect sensors ({', '.join(sensors)}) need a file of their own: --episodes.")
     for training in [] if options.episodes else options.trainings:
         _check_folder(Path(training), f"`gcdt train --dataset DATASET --output {training}` trains a policy")
 
-    from lerobot_gcdt import GENERALIST
     from lerobot_gcdt.evaluation import describe, evaluate_checkpoint, load_policy
     from lerobot_gcdt.evaluation.pictures import film
     from lerobot_gcdt.evaluation.tasks import tasks_of
-    from lerobot_gcdt.training import checkpoint, existing_checkpoint
+    from lerobot_gcdt.training import existing_checkpoint
 
     seeds = range(options.first_seed, options.first_seed + options.starts)
     if options.episodes:
-        [named] = options.trainings
-        checkpoints = {named: GENERALIST if named == "generalist" else checkpoint(named)}
+        checkpoints = {training: _checkpoint(training) for training in options.trainings}
     else:
         checkpoints = {training: existing_checkpoint(training) for training in options.trainings}
     tasks = {training: tasks_of(found, options.tasks) for training, found in checkpoints.items()}
     for training, found in checkpoints.items():
-        episodes = evaluate_checkpoint(found, tasks[training], seeds, file=options.episodes)
+        episodes = evaluate_checkpoint(found, tasks[training], seeds, file=options.episodes, sensors=sensors)
         print(f"{training}\n{describe(episodes)}", flush=True)
         for task in tasks[training] if options.film else []:
             path = (options.episodes or found.resolve()).parent / f"{task}.mp4"
-            film(load_policy(found), task, seeds[:3], path)
+            film(load_policy(found), task, seeds[:3], path, sensors=sensors)
             print(f"The film is {path}.")
+
+
+def _benchmark(options: argparse.Namespace) -> None:
+    _check_tasks(options.tasks)
+    _check_folder(options.datasets, f"`gcdt record --all --root {options.datasets}` records the datasets")
+
+    from lerobot_gcdt.benchmark.learning import benchmark
+    from lerobot_gcdt.benchmark.report import success_rates, success_table
+
+    starts = range(options.first_seed, options.first_seed + options.starts)
+    asked = {name: getattr(options, name) for name in ("datasets", "output", "tasks", "seeds", "steps", "points")}
+    episodes = benchmark(methods=_methods(options.methods), starts=starts, options=options.options, **asked)
+    print(success_table(success_rates(episodes)))
+    print(f"The episodes, this table and a figure lie in {options.output}.")
 
 
 def _publish(options: argparse.Namespace) -> None:

@@ -19,6 +19,8 @@ class Quantity:
         components: What the names of its numbers end in; a single number may have the name alone.
         unit: Unit of its numbers; of an action, what 1 does.
         wanted: Of a goal: what is desired.
+        derived_from: Keys of the quantities that it is computed from: one that it repeats, or two of which it is the
+            difference, the first minus the second. Empty where it is measured by itself.
     """
 
     name: str
@@ -26,6 +28,7 @@ class Quantity:
     components: tuple[str, ...] = ()
     unit: str = ""
     wanted: str = ""
+    derived_from: tuple[str, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -38,9 +41,9 @@ class Quantity:
         return f"{self.name}_rpy" if self.components == RPY else self.name
 
 
-def point(name: str, meaning: str, wanted: str = "") -> Quantity:
+def point(name: str, meaning: str, wanted: str = "", derived_from: tuple[str, ...] = ()) -> Quantity:
     """Describes a position in the world frame, ``<name>_x`` and so on, su."""
-    return Quantity(name, meaning, XYZ, "su", wanted)
+    return Quantity(name, meaning, XYZ, "su", wanted, derived_from)
 
 
 def euler(name: str, meaning: str) -> Quantity:

@@ -19,6 +19,7 @@ class BCConfig(SingleFrames):
 
     Attributes:
         hidden_sizes: Sizes of the hidden layers.
+        dropout: Dropout after each of them.
         frames_per_sample: Training frames that are drawn for each sample of a batch.
         hindsight_ratio: Share of the training frames whose goal is replaced by one achieved later in the episode.
         relative_goal: Whether the network also reads what is left to the goal.
@@ -27,6 +28,7 @@ class BCConfig(SingleFrames):
     """
 
     hidden_sizes: tuple[int, ...] = (512, 512, 512)
+    dropout: float = 0.0
     frames_per_sample: int = 64
     hindsight_ratio: float = 0.0
     relative_goal: bool = True
@@ -37,8 +39,9 @@ class BCConfig(SingleFrames):
         super().__post_init__()
         if self.frames_per_sample < 1:
             raise OptionError(f"policy.frames_per_sample must be positive, got {self.frames_per_sample}.")
-        if not 0 <= self.hindsight_ratio <= 1:
-            raise OptionError(f"policy.hindsight_ratio must lie in [0, 1], got {self.hindsight_ratio}.")
+        for name in ("dropout", "hindsight_ratio"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise OptionError(f"policy.{name} must lie in [0, 1], got {getattr(self, name)}.")
 
     def get_optimizer_preset(self) -> AdamWConfig:
         """Returns AdamW."""

@@ -52,7 +52,8 @@ class BCPolicy(PreTrainedPolicy):
         self.register_buffer("training_step", torch.tensor(0))
         """Batches that training has seen; what is drawn for a frame changes with it."""
         sizes = [inputs, *config.hidden_sizes]
-        layers = [(nn.Linear(a, b), nn.ReLU()) for a, b in itertools.pairwise(sizes)]
+        regularised = nn.Sequential(nn.ReLU(), nn.Dropout(config.dropout))
+        layers = [(nn.Linear(a, b), regularised) for a, b in itertools.pairwise(sizes)]
         self.network = nn.Sequential(*itertools.chain(*layers), nn.Linear(sizes[-1], action), nn.Tanh())
         if self._bank is not None:
             starts = self._bank.training_starts(0)

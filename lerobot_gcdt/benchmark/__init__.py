@@ -1,4 +1,5 @@
-"""Measurements of the policies.
+"""Measurements of the policies: how fast they compute, and how fast they learn.
 
-Imports ``lerobot_gcdt.policy``, ``lerobot_gcdt.recording`` and what they stand on.
+Imports ``lerobot_gcdt.policy``, ``lerobot_gcdt.recording``, ``lerobot_gcdt.training``, ``lerobot_gcdt.evaluation`` and
+what they stand on.
 """

@@ -35,6 +35,7 @@ class Sequences:
         source: Which frame of the batch the piece came from, shape (R, S).
         key: What random numbers for the piece are drawn by, shape (R, S).
         task: Index of the step's task in the dataset, shape (R, S).
+        relabelled: Whether a step's goal was replaced in hindsight, shape (R, S).
     """
 
     items: dict[str, Tensor]
@@ -43,6 +44,7 @@ class Sequences:
     source: Tensor
     key: Tensor
     task: Tensor
+    relabelled: Tensor
 
     @classmethod
     def of_windows(cls, batch: dict, task_dims: dict[str, list[int]]) -> "Sequences":
@@ -85,6 +87,7 @@ class Sequences:
             source=row,
             key=batch["index"][:, None].expand(shape),
             task=task[:, None].expand(shape),
+            relabelled=torch.zeros_like(padded),
         )
 
     @property
@@ -291,14 +294,16 @@ class TrajectoryBank:
         frames = (first[segment] + offset).clamp(max=len(self) - 1)
         items = {key: value[frames] for key, value in self.items.items()}
         cut = cuts[segment]
-        hindsight = (cut > first[segment])[..., None]
+        relabelled = cut > first[segment]
+        hindsight = relabelled[..., None]
         items[GOAL] = torch.where(hindsight, self.items[ACHIEVED_GOAL][cut], items[GOAL])
         items[TIME_TO_GOAL] = torch.where(hindsight, (cut - frames)[..., None], items[TIME_TO_GOAL])
         task = self.task[frames]
         for i, places in self._goal_in_state.items():
-            rows, columns = torch.nonzero(hindsight[..., 0] & (task == i), as_tuple=True)
+            rows, columns = torch.nonzero(relabelled & (task == i), as_tuple=True)
             items[STATE][rows[:, None], columns[:, None], places] = items[GOAL][rows, columns, : len(places)]
-        return Sequences(items, self.timestep[frames], segment, pieces.source[segment], pieces.key[segment], task)
+        source, key = pieces.source[segment], pieces.key[segment]
+        return Sequences(items, self.timestep[frames], segment, source, key, task, relabelled)
 
     def _numbered(self, index: Tensor, length: int) -> tuple[Tensor, Tensor]:
         """Numbers the pieces of the episode of each frame: frame and number, from 0, of each piece."""

@@ -1,9 +1,10 @@
 """Evaluating checkpoints: every episode is kept beside the checkpoint, and none is run twice."""
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 from filelock import FileLock
@@ -12,6 +13,7 @@ from lerobot_gcdt.evaluation.loading import load_policy
 from lerobot_gcdt.evaluation.rollout import evaluate
 from lerobot_gcdt.evaluation.tasks import check_starts, tasks_of
 from surrol_gym.registry import find_task, task_name
+from surrol_gym.wrappers import PERFECT
 
 
 def episodes_file(checkpoint: str | Path) -> Path:
@@ -25,6 +27,7 @@ def evaluate_checkpoint(
     seeds: Sequence[int] = range(100_000, 100_100),
     batch_size: int = 25,
     file: str | Path | None = None,
+    sensors: Mapping[str, Any] | None = None,
 ) -> pd.DataFrame:
     """Evaluates a checkpoint, on those of the starts that none of its kept episodes has.
 
@@ -37,14 +40,16 @@ def evaluate_checkpoint(
         tasks: Names of tasks, of which those count that the policy knows; None for all that it knows.
         seeds: Seeds of the starts. Demonstrations count up from 0; those from 100000 on are for reporting.
         batch_size: Episodes that run side by side.
-        file: Parquet file that keeps the episodes of this checkpoint; None for the one beside it.
+        file: Parquet file that keeps the episodes of this checkpoint, of one kind of sensors; None for the one beside
+            it, which is for perfect ones.
+        sensors: As ``lerobot_gcdt.evaluation.evaluate`` takes them.
 
     Returns:
         The episodes of these tasks and seeds, rows of ``lerobot_gcdt.evaluation.evaluate``.
 
     Raises:
-        ValueError: There is no file, and the folder is none of `lerobot-train`; a task or a number is bad, or the
-            policy does not know the tasks.
+        ValueError: There is no file, and the folder is none of `lerobot-train`; a task or a number is bad, the policy
+            does not know the tasks, or the file is for other sensors.
     """
     if file is None and Path(checkpoint).resolve().name != "pretrained_model":
         raise ValueError(
@@ -52,6 +57,7 @@ def evaluate_checkpoint(
             "them, as in --episodes episodes.parquet."
         )
     file = Path(file) if file else episodes_file(checkpoint)
+    _check_sensors(file, PERFECT | dict(sensors or {}), beside=episodes_file(checkpoint))
     tasks, policy = tasks_of(checkpoint, tasks), None
     check_starts(tasks, seeds)
     names = {task: task_name(find_task(task)) for task in tasks}
@@ -59,21 +65,35 @@ def evaluate_checkpoint(
         kept = _read(file)
         if missing := sorted(set(seeds) - set(kept.seed[kept.task == name])):
             policy = policy or load_policy(checkpoint)
-            evaluate(policy, [task], missing, batch_size, on_batch=partial(_keep, file))
+            evaluate(policy, [task], missing, batch_size, on_batch=partial(keep_episodes, file), sensors=sensors)
     asked = pd.MultiIndex.from_product([names.values(), seeds], names=["task", "seed"])
     return _read(file).set_index(["task", "seed"]).loc[asked].reset_index()
+
+
+def _check_sensors(file: Path, sensors: dict[str, float], beside: Path) -> None:
+    """Raises ValueError if the file keeps, or is meant for, episodes of other sensors."""
+    kept = _read(file).reindex(columns=[*PERFECT]).fillna(PERFECT)
+    if not (kept == pd.Series(sensors)).all(axis=None) or (sensors != PERFECT and file.resolve() == beside):
+        told = ", ".join(f"{name} {value:g}" for name, value in sensors.items())
+        raise ValueError(f"{file} is not for episodes of sensors with {told}; name another file with --episodes.")
 
 
 def _read(file: Path) -> pd.DataFrame:
     return pd.read_parquet(file) if file.exists() else pd.DataFrame(columns=["task", "seed"])
 
 
-def _keep(file: Path, episodes: pd.DataFrame) -> None:
-    """Adds episodes to those that are kept; another process may do so at the same time."""
+def keep_episodes(file: Path, episodes: pd.DataFrame, key: Sequence[str] = ("task", "seed")) -> None:
+    """Adds episodes to those in a Parquet file; another process may do so at the same time.
+
+    Args:
+        file: The file.
+        episodes: Rows of ``lerobot_gcdt.evaluation.evaluate``, maybe with further columns.
+        key: Columns that tell episodes apart; of one that is there already, the row that is there stays.
+    """
     file.parent.mkdir(parents=True, exist_ok=True)
     with FileLock(file.with_suffix(".lock")):
         if file.exists():
-            episodes = pd.concat([pd.read_parquet(file), episodes]).drop_duplicates(["task", "seed"], ignore_index=True)
+            episodes = pd.concat([pd.read_parquet(file), episodes]).drop_duplicates([*key], ignore_index=True)
         unfinished = file.with_suffix(".unfinished")
         episodes.to_parquet(unfinished)
         os.replace(unfinished, file)

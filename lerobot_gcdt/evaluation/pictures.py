@@ -1,6 +1,6 @@
 """What people look at: pictures of the tasks, films of a policy, the training curve, achieved against desired goals."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,14 @@ from surrol_gym.envs.psm_env import unwrapped
 REACHED, MISSED = "#1a7f5a", "#c0392b"
 
 
-def film(policy: Any, task: str, seeds: Iterable[int], path: str | Path, size: int = 384) -> list[bool]:
+def film(
+    policy: Any,
+    task: str,
+    seeds: Iterable[int],
+    path: str | Path,
+    size: int = 384,
+    sensors: Mapping[str, Any] | None = None,
+) -> list[bool]:
     """Films a policy, one episode after the other, at twice the speed of the simulation.
 
     Args:
@@ -29,6 +36,7 @@ def film(policy: Any, task: str, seeds: Iterable[int], path: str | Path, size: i
         seeds: Seed of the reset of each episode.
         path: The mp4 file to write.
         size: Width and height of the picture, pixels; even.
+        sensors: As ``lerobot_gcdt.evaluation.evaluate`` takes them; the film shows the truth.
 
     Returns:
         Whether each episode ended in success.
@@ -41,7 +49,7 @@ def film(policy: Any, task: str, seeds: Iterable[int], path: str | Path, size: i
         def watch(envs: gym.vector.SyncVectorEnv, own: list = pictures) -> None:
             own.append(envs.render()[0])
 
-        success, _ = rollout(policy, task, [seed], watch, **look)
+        success, _ = rollout(policy, task, [seed], watch, sensors, **look)
         succeeded = [False, *success[:, 0]]
         captioned = [
             _caption(picture, f"{task}, seed {seed}, step {t}", succeeded[t]) for t, picture in enumerate(pictures)

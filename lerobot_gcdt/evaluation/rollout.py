@@ -1,21 +1,20 @@
 """Evaluation: policies, tasks and seeds in, one row an episode out."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 import pandas as pd
 import torch
-from lerobot.configs.types import NormalizationMode
-from lerobot.envs.utils import preprocess_observation
-from lerobot.policies.pretrained import PreTrainedPolicy
 from lerobot.utils.constants import OBS_IMAGES
 from tqdm import tqdm
 
-from lerobot_gcdt.environment.surrol_env import CameraPictures, SurRoLObservations
+from lerobot_gcdt.environment.policy_input import check_processed, observation_batch
+from lerobot_gcdt.environment.surrol_env import CameraPictures
 from lerobot_gcdt.evaluation.tasks import check_starts
 from surrol_gym.registry import find_task, task_name, task_spec
+from surrol_gym.wrappers import PERFECT, ImperfectSensors
 
 
 def evaluate(
@@ -24,6 +23,7 @@ def evaluate(
     seeds: Iterable[int],
     batch_size: int = 25,
     on_batch: Callable[[pd.DataFrame], None] | None = None,
+    sensors: Mapping[str, Any] | None = None,
 ) -> pd.DataFrame:
     """Runs a policy from seeded starts, every episode to its time limit.
 
@@ -34,27 +34,32 @@ def evaluate(
         seeds: Seed of the reset of each episode; the same for every task.
         batch_size: Episodes that run side by side. It has no influence on their outcome beyond rounding.
         on_batch: Called with the rows of every batch that is finished.
+        sensors: Arguments of ``surrol_gym.wrappers.ImperfectSensors``, through which the policy sees; None for perfect
+            ones.
 
     Returns:
         A row an episode: ``task``, ``seed``, ``reached`` (success at any step), ``held`` (success at the last step),
         ``steps`` (to the first success, NaN without one), and ``achieved_goal`` and ``desired_goal`` at the end (lists,
-        su).
+        su), by the truth. Imperfect sensors add a column for each of their arguments.
 
     Raises:
-        ValueError: A task is unknown, a seed is negative, there are none, the batch size is not positive, or the policy
-            needs its processors.
+        ValueError: A task is unknown, a seed is negative, there are none, the batch size is not positive, sensors are
+            out of range, or the policy needs its processors.
     """
     tasks, seeds = list(tasks), list(seeds)
     check_starts(tasks, seeds)
     if batch_size < 1:
         raise ValueError(f"batch_size must be positive, got {batch_size}.")
+    described = PERFECT | dict(sensors or {})
+    columns = {} if described == PERFECT else described
     finished = []
     with tqdm(total=len(tasks) * len(seeds), unit="episode") as bar:
         for task in tasks:
             bar.set_description(f"Evaluating {task}")
             for start in range(0, len(seeds), batch_size):
                 batch = seeds[start : start + batch_size]
-                finished.append(_rows(task_name(find_task(task)), batch, *rollout(policy, task, batch)))
+                outcome = rollout(policy, task, batch, sensors=sensors)
+                finished.append(_rows(task_name(find_task(task)), batch, *outcome).assign(**columns))
                 if on_batch:
                     on_batch(finished[-1])
                 bar.update(len(batch))
@@ -82,6 +87,7 @@ def rollout(
     task: str,
     seeds: list[int],
     watch: Callable[[gym.vector.SyncVectorEnv], None] | None = None,
+    sensors: Mapping[str, Any] | None = None,
     **options: Any,
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Runs one episode a seed, side by side, to the time limit.
@@ -91,19 +97,16 @@ def rollout(
         task: Name of the task.
         seeds: Seed of the reset of each episode.
         watch: Called with the vector environment before the first step and after each.
+        sensors: As ``evaluate`` takes them.
         **options: Arguments of ``gym.make``.
 
     Returns:
-        Success after each step, booleans (T, B), and the last observation, arrays (B, size).
+        Success after each step, booleans (T, B), and the last observation, without imperfections, arrays (B, size).
 
     Raises:
-        ValueError: The policy needs its processors.
+        ValueError: The policy needs its processors, or sensors are out of range.
     """
-    if isinstance(policy, PreTrainedPolicy) and _normalises(policy.config):
-        raise ValueError(
-            f"A bare {type(policy).__name__} takes and returns normalised numbers, so its actions would be wrong; "
-            "pass lerobot_gcdt.evaluation.load_policy(its checkpoint), which adds its processors."
-        )
+    check_processed(policy)
     env_id = find_task(task)
     limit = task_spec(env_id).max_episode_steps
     assert limit is not None  # every task is registered with one
@@ -111,10 +114,10 @@ def rollout(
 
     def make() -> gym.Env:
         env = gym.make(env_id, disable_env_checker=True, **options)
-        if not pictures:
-            return env
-        [size] = {feature.shape[-1] for feature in pictures.values()}
-        return CameraPictures(env, [key.removeprefix(f"{OBS_IMAGES}.") for key in pictures], size)
+        if pictures:
+            [size] = {feature.shape[-1] for feature in pictures.values()}
+            env = CameraPictures(env, [key.removeprefix(f"{OBS_IMAGES}.") for key in pictures], size)
+        return ImperfectSensors(env, **sensors) if sensors else env
 
     envs = gym.vector.SyncVectorEnv([make] * len(seeds))
     try:
@@ -133,27 +136,4 @@ def rollout(
             watch(envs)
     finally:
         envs.close()
-    return np.stack(success), observation
-
-
-def _normalises(config: Any) -> bool:
-    """Whether a policy leaves normalisation to its processors."""
-    return any(mode is not NormalizationMode.IDENTITY for mode in config.normalization_mapping.values())
-
-
-def observation_batch(policy: Any, observation: dict[str, np.ndarray], sentence: str) -> dict:
-    """Turns a batched observation of a ``surrol/`` environment into what LeRobot's policies take.
-
-    Args:
-        policy: The policy; the tensors go to the device of its configuration, if it has one.
-        observation: Arrays of shape (B, size), as vector environments give them.
-        sentence: The environment's ``task_description``.
-
-    Returns:
-        ``observation.*`` tensors and ``task``, a sentence for each row.
-    """
-    device = getattr(getattr(policy, "config", None), "device", "cpu")
-    batch = SurRoLObservations().observation(preprocess_observation(observation))
-    return {key: value.to(device) for key, value in batch.items()} | {
-        "task": [sentence] * len(observation["observation"])
-    }
+    return np.stack(success), info.get("true_observation", observation)

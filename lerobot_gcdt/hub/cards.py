@@ -6,6 +6,7 @@ The manifest keeps the facts of the published datasets, whose cards can thus be 
 
 import shlex
 import textwrap
+from collections import Counter
 from dataclasses import asdict
 from pathlib import Path
 
@@ -195,16 +196,19 @@ def card(facts: dict, repo_id: str, pictures: str) -> str:
 def recording_commands(facts: dict, root: str) -> list[str]:
     """Returns the commands that make a dataset in the folder ``root``, by what ``meta/surrol.json`` says of it."""
     if "merged_from" in facts:
-        parts = {
-            f"datasets/{dataset_name(task_of(part))}{'_imported' * is_imported(part)}": part
-            for part in recordings(facts)
-        }
+        parts: dict[str, dict] = {}
+        folders: Counter[str] = Counter()
+        for part in recordings(facts):
+            folder = f"datasets/{dataset_name(task_of(part))}{'_imported' * is_imported(part)}"
+            parts[f"{folder}_{folders[folder]}" if folder in folders else folder] = part
+            folders[folder] += 1
         made = [command for folder, part in parts.items() for command in recording_commands(part, folder)]
         return [*made, " \\\n  ".join(["gcdt merge", *parts, f"--root {root}"])]
     if is_imported(facts):
         files = " ".join(shlex.quote(note["file"]) for note in facts["imported_from"])
         return [f"gcdt import {files} --task {task_named(facts)} --root {root}"]
-    options = {"task": task_named(facts)} | {name: facts[name] for name in ("episodes", "seed", "disturb")}
+    told = [name for name in ("episodes", "seed", "disturb", "policy", "mix") if name in facts]
+    options = {"task": task_named(facts)} | {name: shlex.quote(str(facts[name])) for name in told}
     extras = facts["extras"]
     options |= {name: ",".join(extras[name]) for name in ("fields", "cameras") if extras[name]}
     options |= {"camera_size": extras["camera_size"]} if extras["cameras"] else {}
@@ -295,13 +299,30 @@ def _origin(facts: dict) -> str:
         f"{limit} steps. Recorded with lerobot-policy-gcdt {facts['package_version']}, whose command writes the "
         "same numbers again."
     )
-    return f"{expert}\n\n{_pushes([facts])}"
+    return "\n\n".join([expert, *_policies([facts]), _pushes([facts])])
 
 
 def _merged_origin(parts: list[dict]) -> list[str]:
     """Where the episodes of a merged dataset come from: the experts, and what was imported."""
     recorded = [part for part in parts if not is_imported(part)]
-    return [*([EXPERTS, _pushes(recorded)] if recorded else []), *map(_origin, filter(is_imported, parts))]
+    return [
+        *([EXPERTS, *_policies(recorded), _pushes(recorded)] if recorded else []),
+        *map(_origin, filter(is_imported, parts)),
+    ]
+
+
+def _policies(parts: list[dict]) -> list[str]:
+    """What the policies did that acted in the expert's place, a paragraph each."""
+    return [
+        _fill(
+            f"In every episode of {task_of(part)} the policy `{part['policy']}` acted from the start to a step that "
+            "was drawn from the whole episode, and from there on the expert. Where the policy acted, the expert's "
+            f"action was executed with probability {part['mix']:g}. `action` is always what the expert would have "
+            "done, and `disturbance` what was done minus that."
+        )
+        for part in parts
+        if "policy" in part
+    ]
 
 
 def _pushes(parts: list[dict]) -> str:
@@ -339,7 +360,9 @@ def _limits(parts: list[dict]) -> list[str]:
             f"{_percent(failed[worst])} of the attempts{f' at {worst}' if len(parts) > 1 else ''} failed and are not "
             "in the data: the episodes are a selection, poor in starts and pushes that the expert did not save."
         )
-    if any(part["disturb"] for part in parts):
+    if any("policy" in part for part in parts):
+        limits.append("The errors are those of the policies that acted, as far as the expert could save the episode.")
+    elif any(part["disturb"] for part in parts):
         limits.append("The errors are pushes of a single step; failed grasps and their repair are rare.")
     elif recorded:
         limits.append("Nothing diverts the expert, so how to correct is hardly in the data.")

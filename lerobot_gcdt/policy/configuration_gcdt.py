@@ -37,6 +37,13 @@ class GCDTConfig(SingleFrames):
             once as a cut and, in place of its first frame, the demonstration itself.
         relative_goal: Whether a goal token also holds what is left to the goal: desired minus achieved goal. False is
             the paper's.
+        one_token: Whether the items of a step are joined into one token, and past actions left out. That costs a
+            quarter of the paper's way, a token an item, and less with a longer context.
+        time_to_goal_dropout: Share of the training pieces whose time-to-goal is hidden, of those with their own goal;
+            the policy learns to predict it there. 1: it is hidden at test time, too. Between 0 and 1: the policy then
+            acts on its own prediction. 0 is the paper's: it is always given, counts down from ``expected_steps`` at
+            test time, and tokens carry an embedding of their timestep, so that the policy acts by the clock
+            (docs/differences.md).
         training_stage: ``"pretrain"``: all four objectives, usually on many tasks; ``"finetune"``: actions only.
         dynamics_weight: Weight of the forward-dynamics objective in pretraining, beside 1 for the actions; 0 leaves it
             out.
@@ -50,8 +57,8 @@ class GCDTConfig(SingleFrames):
         dtype: Arithmetic of the transformer in training: ``"bfloat16"``, ``"float32"``, or ``"auto"`` for the faster of
             the two on the device (``lerobot_gcdt.policy.precision``). Weights and inference are always in float32.
         task_dims: Sizes ``[observation, goal, action]`` of each task, by task sentence. Filled from the dataset.
-        expected_steps: Mean steps to the goal of each task, by task sentence: where time-to-goal starts at test time.
-            Filled from the dataset.
+        expected_steps: Mean steps to the goal of each task, by task sentence: where time-to-goal starts at test time
+            if it counts down. Filled from the dataset.
         optimizer_lr: Peak learning rate of AdamW.
         optimizer_weight_decay: Weight decay of AdamW.
         optimizer_grad_clip_norm: Norm at which gradients are clipped.
@@ -70,6 +77,8 @@ class GCDTConfig(SingleFrames):
     max_timesteps: int = 100
     hindsight_ratio: float = 0.5
     relative_goal: bool = True
+    one_token: bool = True
+    time_to_goal_dropout: float = 1.0
     training_stage: str = "finetune"
     dynamics_weight: float = 0.1
     time_to_goal_weight: float = 0.1
@@ -95,7 +104,7 @@ class GCDTConfig(SingleFrames):
                 raise OptionError(f"policy.{name} must be positive, got {getattr(self, name)}.")
         if self.width % self.heads:
             raise OptionError(f"policy.width ({self.width}) must be a multiple of policy.heads ({self.heads}).")
-        for name in ("dropout", "hindsight_ratio", "hidden_ratio"):
+        for name in ("dropout", "time_to_goal_dropout", "hindsight_ratio", "hidden_ratio"):
             if not 0 <= getattr(self, name) <= 1:
                 raise OptionError(f"policy.{name} must lie in [0, 1], got {getattr(self, name)}.")
         for name in self.objectives:
@@ -110,12 +119,23 @@ class GCDTConfig(SingleFrames):
             if weight < 0:
                 option = f"{name}_weight" if name in PAPERS_OBJECTIVES else f"objectives: {name}"
                 raise OptionError(f"policy.{option} must not be negative, got {weight}.")
+        if self.predicts_time_to_goal and not self.time_to_goal_weight:
+            raise OptionError(
+                f"policy.time_to_goal_dropout={self.time_to_goal_dropout} has the policy act on its own prediction of "
+                "time-to-goal, which policy.time_to_goal_weight=0 leaves untrained; set the dropout to 0 or 1, or a "
+                "weight."
+            )
         if self.training_stage not in ("pretrain", "finetune"):
             raise OptionError(f"policy.training_stage must be 'pretrain' or 'finetune', got {self.training_stage!r}.")
         if self.optimizer_lr <= 0:
             raise OptionError(f"policy.optimizer_lr must be positive, got {self.optimizer_lr}.")
         if self.dtype not in ("auto", "bfloat16", "float32"):
             raise OptionError(f"policy.dtype must be 'auto', 'bfloat16' or 'float32', got {self.dtype!r}.")
+
+    @property
+    def predicts_time_to_goal(self) -> bool:
+        """Whether the policy acts on time-to-goal as it predicts it itself."""
+        return 0 < self.time_to_goal_dropout < 1
 
     @property
     def objective_weights(self) -> dict[str, float]:

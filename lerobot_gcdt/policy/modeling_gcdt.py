@@ -1,6 +1,8 @@
 """The goal-conditioned decision transformer as a LeRobot policy (Fu et al., ICRA 2024, arXiv 2405.18757)."""
 
+import json
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, cast
 
 import torch
@@ -9,18 +11,25 @@ from lerobot.policies.pretrained import PreTrainedPolicy
 from safetensors import safe_open
 from torch import Tensor, nn
 
+from lerobot_gcdt.data.draws import combine, uniform
 from lerobot_gcdt.data.statistics import mean_of_each
 from lerobot_gcdt.data.task_layouts import task_layouts
 from lerobot_gcdt.data.trajectories import Sequences, TrajectoryBank, sizes_of
 from lerobot_gcdt.keys import ACHIEVED_GOAL, ACTION, GOAL, STATE, TIME_TO_GOAL
 from lerobot_gcdt.policy.configuration_gcdt import GCDTConfig
-from lerobot_gcdt.policy.objectives import OBJECTIVES, action_errors, mean_over_processes
+from lerobot_gcdt.policy.objectives import OBJECTIVES, action_errors, mean_over_processes, time_to_goal_error
 from lerobot_gcdt.policy.precision import faster_precision
 from lerobot_gcdt.policy.tokens import ORDER, TaskModules, module_names
 from lerobot_gcdt.policy.transformer import KeyValueCache, Transformer
 
 TOKENS = len(ORDER)
 """Tokens a step."""
+
+_HIDE_TIME = 200
+"""The random number that decides whether a piece's time-to-goal is hidden; smaller ones are used elsewhere."""
+
+NOW = ORDER[: ORDER.index(ACTION)]
+"""Kinds of items of a step that are there before its action."""
 
 
 @dataclass
@@ -34,6 +43,12 @@ class History:
     tokens: int = 0
     step: int = 0
     last_action: Tensor | None = None
+
+    def forget(self, count: int) -> None:
+        """Forgets the last tokens."""
+        self.tokens -= count
+        for cache in self.caches:
+            cache.forget(count)
 
 
 class GCDTPolicy(PreTrainedPolicy):
@@ -140,13 +155,19 @@ class GCDTPolicy(PreTrainedPolicy):
             length = self.config.context_length
             sequences = self._draw(index, length) if self.training else bank.sequences(bank.pieces(index, length))
         with self._training_precision():
-            errors = action_errors(self, sequences)
+            without_time = self._without_time(sequences)
+            states = self.read(sequences, without_time)
+            errors = action_errors(self, sequences, states)
             if reduction == "none":
                 return mean_of_each(errors, sequences.source[sequences.real], len(index)), {}
             if not self.training:
                 return errors.mean(), {"action_loss": errors.mean().item()}
             loss = mean_over_processes(errors)
             log = {"action_loss": loss.item()}
+            if self.config.time_to_goal_dropout > 0 and self.config.time_to_goal_weight > 0:
+                of_time = time_to_goal_error(self, sequences, states, without_time & sequences.real)
+                loss = loss + self.config.time_to_goal_weight * of_time
+                log["time_to_goal_loss"] = of_time.item()
             if self.config.training_stage == "pretrain":
                 pieces = sequences if windows else self._draw(index, self.config.auxiliary_context_length, count=1)
                 for name, (weight, auxiliary) in self._auxiliary_losses(pieces).items():
@@ -154,20 +175,35 @@ class GCDTPolicy(PreTrainedPolicy):
                     log[name] = auxiliary.item()
         return loss, log
 
-    def predict_actions(self, sequences: Sequences) -> Tensor:
+    def read(self, sequences: Sequences, without_time: Tensor) -> Tensor:
+        """Runs the transformer over trajectories as the policy sees them when it acts.
+
+        Args:
+            sequences: Packed trajectories of the dataset's tasks.
+            without_time: Steps whose time-to-goal is hidden, booleans of shape (R, S).
+
+        Returns:
+            Hidden states of each step when its observation has been seen, shape (R, S, W).
+        """
+        keys = (*NOW, ACTION) if self._sees_actions else NOW
+        of_time = torch.tensor([key == TIME_TO_GOAL for key in keys], device=without_time.device)
+        hidden = without_time[..., None] & of_time
+        return self.encode(sequences, keys, self.config.context_length, hidden=hidden)[:, :, keys.index(STATE)]
+
+    def predict_actions(self, sequences: Sequences, states: Tensor | None = None) -> Tensor:
         """Predicts the action of every step from what comes before it.
 
         Args:
             sequences: Packed trajectories of the dataset's tasks.
+            states: What ``read`` gives of them; None to read them with time-to-goal hidden as it is in evaluation.
 
         Returns:
             Actions in [-1, 1], shape (R, S, largest action size of the tasks); 0 in padding.
         """
-        # An action that no later step may look back on needs no token.
-        keys = ORDER if self.config.context_length > 1 else ORDER[: ORDER.index(ACTION)]
-        hidden = self.encode(sequences, keys, self.config.context_length)[:, :, keys.index(STATE)]
+        if states is None:
+            states = self.read(sequences, self._without_time(sequences))
         with self._full_precision():
-            return self._act(hidden, {self._task_order[i]: steps for i, steps in sequences.by_task.items()})
+            return self._act(states, {self._task_order[i]: steps for i, steps in sequences.by_task.items()})
 
     def encode(
         self,
@@ -191,9 +227,11 @@ class GCDTPolicy(PreTrainedPolicy):
         """
         r, s = sequences.segment.shape
         with self._full_precision():
-            tokens = self._tokenize(sequences, keys, hidden)  # (R, S, kinds, W)
-        mask = self._attention_mask(sequences, len(keys), context_length, causal)
-        return self.transformer(tokens.flatten(1, 2), mask).view(r, s, len(keys), -1).float()
+            tokens = self._joined(self._tokenize(sequences, keys, hidden))  # (R, S, tokens of a step, W)
+        count = tokens.shape[2]
+        mask = self._attention_mask(sequences, count, context_length, causal)
+        states = self.transformer(tokens.flatten(1, 2), mask).view(r, s, count, -1).float()
+        return states.expand(r, s, len(keys), -1)  # one token answers for all kinds
 
     def modules_of(self, task: int | str) -> TaskModules:
         """Returns tokenizers and heads of a task, by its sentence or its index in sequences."""
@@ -233,22 +271,20 @@ class GCDTPolicy(PreTrainedPolicy):
                 f"The batch holds {len(tasks)} episodes, the running history {len(history.tasks)} or other tasks; "
                 "call policy.reset() when new episodes start."
             )
+        rows = {task: [i for i, t in enumerate(tasks) if t == task] for task in dict.fromkeys(tasks)}
         with self._full_precision():
-            items = {
-                TIME_TO_GOAL: torch.tensor([[self._time_to_goal(task, history.step)] for task in tasks], device=device),
-                GOAL: batch[GOAL].float(),
-                ACHIEVED_GOAL: batch[ACHIEVED_GOAL].float(),
-                STATE: batch[STATE].float(),
-            }
-            now = [key for key in ORDER if key != ACTION]
-            new = [self._step_tokens(tasks, now, items, history.step)]
-            steps = [history.step] * len(now)
-            if history.last_action is not None and self.config.context_length > 1:
-                new.insert(0, self._step_tokens(tasks, [ACTION], {ACTION: history.last_action}, history.step - 1))
-                steps.insert(0, history.step - 1)
-            hidden = self.transformer(torch.cat(new, 1), self._remember_tokens(history, steps), history.caches)
-            rows = {task: [i for i, t in enumerate(tasks) if t == task] for task in dict.fromkeys(tasks)}
-            action = self._act(hidden[:, -1], {task: (torch.tensor(i, device=device),) for task, i in rows.items()})
+            items = {key: batch[key].float() for key in (GOAL, ACHIEVED_GOAL, STATE)}
+            if self.config.time_to_goal_dropout == 0:
+                times = [self._countdown(task, history.step) for task in tasks]
+                items[TIME_TO_GOAL] = torch.tensor(times, device=device)[:, None]
+            elif self.config.predicts_time_to_goal:
+                state, tokens = self._see(history, rows, items)
+                history.forget(tokens)
+                items[TIME_TO_GOAL] = torch.zeros(len(tasks), 1, device=device)
+                for task, chosen in rows.items():
+                    items[TIME_TO_GOAL][chosen] = self.modules_of(task).predict_time_to_goal(state[chosen])
+            state, _ = self._see(history, rows, items)
+            action = self._act(state, {task: (torch.tensor(i, device=device),) for task, i in rows.items()})
         history.last_action = action
         history.step += 1
         return action
@@ -265,6 +301,9 @@ class GCDTPolicy(PreTrainedPolicy):
 
     @classmethod
     def _load_as_safetensor(cls, model: "GCDTPolicy", model_file: str, map_location: str, strict: bool) -> "GCDTPolicy":
+        if "one_token" not in json.loads(Path(model_file).with_name("config.json").read_text()):
+            # From before there were these options.
+            model.config.one_token, model.config.time_to_goal_dropout = False, 0.0
         with safe_open(model_file, "pt") as file:
             saved = set(file.keys())
         own = set(model.state_dict())
@@ -325,7 +364,7 @@ class GCDTPolicy(PreTrainedPolicy):
         return {
             f"{name}_loss": (weight, OBJECTIVES[name].loss(self, sequences))
             for name, weight in self.config.objective_weights.items()
-            if weight
+            if weight and not (name == "time_to_goal" and self.config.time_to_goal_dropout > 0)  # is in the main loss
         }
 
     def _tokenize(self, sequences: Sequences, keys: tuple[str, ...], hidden: Tensor | None) -> Tensor:
@@ -340,9 +379,21 @@ class GCDTPolicy(PreTrainedPolicy):
             tokens = torch.where(hidden[..., None], of_kind, tokens)
         return tokens + self._embed_time(sequences.timestep)[:, :, None]
 
+    @property
+    def _sees_actions(self) -> bool:
+        """Whether actions are predicted from earlier ones: none that later steps look back on, none in one token."""
+        return self.config.context_length > 1 and not self.config.one_token
+
+    def _joined(self, tokens: Tensor) -> Tensor:
+        """Joins the tokens of a step, shape (..., kinds, W), if it is to be one: shape (..., 1, W)."""
+        return tokens.sum(-2, keepdim=True) * tokens.shape[-2] ** -0.5 if self.config.one_token else tokens
+
     def _embed_time(self, timestep: Tensor) -> Tensor:
+        embedding = self.timestep_embedding
+        if self.config.time_to_goal_dropout > 0:  # a policy that is not to act by the clock does not see one
+            return embedding.weight.new_zeros(*timestep.shape, self.config.width)
         # Steps beyond the table share its last entry.
-        return self.timestep_embedding(timestep.clamp(max=self.config.max_timesteps - 1))
+        return embedding(timestep.clamp(max=self.config.max_timesteps - 1))
 
     def _attention_mask(self, sequences: Sequences, kinds: int, context_length: int | None, causal: bool) -> Tensor:
         """Additive mask (R, 1, L, L), L = kinds x S: a token sees its own piece, or its past within it."""
@@ -379,20 +430,45 @@ class GCDTPolicy(PreTrainedPolicy):
             actions[where] = nn.functional.pad(predicted, (0, size - predicted.shape[-1]))
         return actions
 
-    def _time_to_goal(self, task: str, step: int) -> float:
+    def _without_time(self, sequences: Sequences) -> Tensor:
+        """Steps whose time-to-goal is hidden, shape (R, S): in training of some pieces, and else of all or none.
+
+        What is relabelled always shows it: without, the way to a goal that was merely passed contradicts the way to one
+        that was meant.
+        """
+        dropout = self.config.time_to_goal_dropout
+        if self.training and dropout > 0:
+            drawn = uniform(combine(self.training_step, sequences.key), _HIDE_TIME) < dropout
+            return drawn & ~sequences.relabelled
+        return torch.full_like(sequences.real, dropout > 0)
+
+    def _countdown(self, task: str, step: int) -> float:
         """Starts at the task's expected length and falls by one a step, never below one (Fu et al. 2024, IV-A)."""
         return max(self.config.expected_steps[task] - step, 1.0)
 
-    def _step_tokens(self, tasks: list[str], keys: list[str], items: dict[str, Tensor], step: int) -> Tensor:
-        """Tokens of some kinds of one step of the running episodes, shape (B, kinds, W)."""
+    def _see(self, history: History, rows: dict[str, list[int]], items: dict[str, Tensor]) -> tuple[Tensor, int]:
+        """Adds a step to the history; returns hidden states, shape (B, W), and how many tokens were added."""
+        tokens = self._joined(self._step_tokens(rows, NOW, items, history.step))
+        steps = [history.step] * tokens.shape[1]
+        if history.last_action is not None and self._sees_actions:
+            acted = self._step_tokens(rows, (ACTION,), {ACTION: history.last_action}, history.step - 1)
+            tokens, steps = torch.cat([acted, tokens], 1), [history.step - 1, *steps]
+        hidden = self.transformer(tokens, self._remember_tokens(history, steps), history.caches)
+        return hidden[:, -1], len(steps)
+
+    def _step_tokens(
+        self, rows: dict[str, list[int]], keys: tuple[str, ...], items: dict[str, Tensor], step: int
+    ) -> Tensor:
+        """Tokens of some kinds of one step of the running episodes, shape (B, kinds, W); those without items hidden."""
         device = self.timestep_embedding.weight.device
-        time = self._embed_time(torch.tensor(step, device=device))
-        tokens = time.repeat(len(tasks), len(keys), 1)
-        for task in dict.fromkeys(tasks):
-            rows = [i for i, t in enumerate(tasks) if t == task]
-            of_task = {key: value[rows] for key, value in items.items()}
+        tokens = self._embed_time(torch.tensor(step, device=device)).repeat(sum(map(len, rows.values())), len(keys), 1)
+        for task, chosen in rows.items():
+            of_task = {key: value[chosen] for key, value in items.items()}
             for k, key in enumerate(keys):
-                tokens[rows, k] += self.modules_of(task).tokenize(key, of_task)
+                known = key in items
+                tokens[chosen, k] += (
+                    self.modules_of(task).tokenize(key, of_task) if known else self.hidden_tokens[ORDER.index(key)]
+                )
         return tokens
 
     def _remember_tokens(self, history: History, steps: list[int]) -> Tensor:

@@ -66,17 +66,18 @@ def register_objective(
     OBJECTIVES[name] = Objective(loss, heads)
 
 
-def action_errors(policy: "GCDTPolicy", sequences: Sequences) -> Tensor:
+def action_errors(policy: "GCDTPolicy", sequences: Sequences, states: Tensor | None = None) -> Tensor:
     """Action prediction: a_t from time-to-goal, goal and observation up to t and actions up to t - 1.
 
     Args:
         policy: The policy.
         sequences: Packed trajectories.
+        states: As ``policy.predict_actions`` takes them.
 
     Returns:
         The error of each real step, shape (N,).
     """
-    predicted = policy.predict_actions(sequences)  # (R, S, A), 0 where a task has fewer numbers, as in the data
+    predicted = policy.predict_actions(sequences, states)  # (R, S, A), 0 where a task has fewer numbers, as in the data
     error = predicted - sequences.items[ACTION][..., : predicted.shape[-1]]
     return (error.square().sum(-1) / policy.action_sizes[sequences.task])[sequences.real]
 
@@ -102,6 +103,8 @@ def dynamics_loss(policy: "GCDTPolicy", sequences: Sequences) -> Tensor:
 def time_to_goal_loss(policy: "GCDTPolicy", sequences: Sequences) -> Tensor:
     """Time-to-goal prediction: from goal and observation up to t and actions up to t - 1; no time-to-goal.
 
+    Where a step is one token, actions are left out, because that of t would be in it.
+
     Args:
         policy: The policy.
         sequences: Packed trajectories.
@@ -109,15 +112,24 @@ def time_to_goal_loss(policy: "GCDTPolicy", sequences: Sequences) -> Tensor:
     Returns:
         The mean error, a scalar.
     """
-    at_observation = policy.encode(sequences, (GOAL, STATE, ACTION))[:, :, 1]
-    return mean_error(
-        policy,
-        sequences,
-        TIME_TO_GOAL,
-        at_observation,
-        sequences.real,
-        lambda modules, x: modules.time_to_goal_head(x),
-    )
+    keys = (GOAL, STATE) if policy.config.one_token else (GOAL, STATE, ACTION)
+    at_observation = policy.encode(sequences, keys)[:, :, keys.index(STATE)]
+    return time_to_goal_error(policy, sequences, at_observation, sequences.real)
+
+
+def time_to_goal_error(policy: "GCDTPolicy", sequences: Sequences, states: Tensor, where: Tensor) -> Tensor:
+    """The mean error of time-to-goal as it is predicted from hidden states of some steps.
+
+    Args:
+        policy: The policy.
+        sequences: Packed trajectories, R rows of S steps.
+        states: Hidden states that have not seen time-to-goal, shape (R, S, width).
+        where: The steps, booleans of shape (R, S).
+
+    Returns:
+        A scalar; 0 where there are no steps.
+    """
+    return mean_error(policy, sequences, TIME_TO_GOAL, states, where, lambda modules, x: modules.time_to_goal_head(x))
 
 
 def reconstruction_loss(policy: "GCDTPolicy", sequences: Sequences, wanted: Tensor) -> Tensor:

@@ -36,6 +36,10 @@ class KeyValueCache:
         kept = min(self._count, self._capacity)
         return self._keys[:, :, :kept], self._values[:, :, :kept]
 
+    def forget(self, count: int) -> None:
+        """Gives the slots of the last tokens free again, as if they had not been added."""
+        self._count -= count
+
 
 def attend(q: Tensor, k: Tensor, v: Tensor, mask: Tensor, dropout: float) -> Tensor:
     """Scaled dot-product attention, spelled out where that is faster.
@@ -61,6 +65,9 @@ class Attention(nn.Module):
 
     def forward(self, x: Tensor, mask: Tensor, cache: KeyValueCache | None = None) -> Tensor:
         b, n, w = x.shape
+        if n == 1 and cache is None:  # a token that is alone attends to itself, whatever queries and keys say
+            value = F.linear(x, self.query_key_value.weight[2 * w :], self.query_key_value.bias[2 * w :])
+            return F.dropout(self.output(value), self.dropout if self.training else 0.0)
         q, k, v = self.query_key_value(x).view(b, n, 3, self.heads, w // self.heads).permute(2, 0, 3, 1, 4)
         if cache is not None:
             k, v = cache.append(k, v)

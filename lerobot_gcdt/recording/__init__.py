@@ -1,10 +1,11 @@
 """From episodes to LeRobot datasets: recording, importing, merging, the published collection and its manifest.
 
-Imports the simulator, ``lerobot_gcdt.environment`` and ``lerobot_gcdt.data``; no policy.
+Imports the simulator, ``lerobot_gcdt.environment`` and ``lerobot_gcdt.data``; no policy: one that acts is handed in.
 """
 
 from lerobot_gcdt.recording.demonstrations import record
 from lerobot_gcdt.recording.importing import import_demonstrations
+from lerobot_gcdt.recording.learners import Learner
 from lerobot_gcdt.recording.merging import merge
 
-__all__ = ["import_demonstrations", "merge", "record"]
+__all__ = ["Learner", "import_demonstrations", "merge", "record"]

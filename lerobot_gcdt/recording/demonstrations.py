@@ -10,7 +10,7 @@ import os
 import re
 import shutil
 from collections.abc import Callable, Iterable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 
@@ -23,6 +23,7 @@ from tqdm import tqdm
 import surrol_gym
 from lerobot_gcdt.keys import TIME_TO_GOAL
 from lerobot_gcdt.recording.features import NO_EXTRAS, Extras, describe_columns, to_columns
+from lerobot_gcdt.recording.learners import Learner
 from lerobot_gcdt.recording.locking import LOCK_FILE, alone_in
 from surrol_gym.envs.psm_env import Mount, unwrapped
 
@@ -54,6 +55,8 @@ class Recording:
         disturb: Size of the pushes that divert the arm, in units of an action; 0 for none.
         extras: What is recorded beside what every dataset holds.
         package_version: Version of this package.
+        policy: The policy that acts in the expert's place; None where the expert always acts.
+        mix: Probability of the expert's action where the policy acts.
     """
 
     env_id: str
@@ -62,6 +65,12 @@ class Recording:
     disturb: float
     extras: Extras
     package_version: str
+    policy: str | None = None
+    mix: float | None = None
+
+    def facts(self) -> dict:
+        """Returns what files say of it: a policy only where there is one."""
+        return {name: value for name, value in asdict(self).items() if value is not None}
 
 
 def dataset_name(task: str) -> str:
@@ -77,8 +86,9 @@ def record(
     disturb: float = 0.0,
     extras: Extras = NO_EXTRAS,
     on_episode: Callable[[], None] | None = None,
+    learner: Learner | None = None,
 ) -> Path:
-    """Records successful episodes of a task's scripted expert as a LeRobot dataset.
+    """Records successful episodes of a task's scripted expert, or those that it saves, as a LeRobot dataset.
 
     Args:
         task: Name of the task; see ``surrol_gym.find_task``.
@@ -88,6 +98,7 @@ def record(
         disturb: Size of the pushes that divert the arm, in [0, 1]; see ``run_episode``.
         extras: What to record beside what every dataset holds.
         on_episode: Called for every episode that is there; nothing is printed then.
+        learner: A policy that acts in the expert's place; None where the expert always acts.
 
     Returns:
         The folder.
@@ -105,6 +116,8 @@ def record(
         raise ValueError(f"The size of disturbances must lie in [0, 1], got {disturb}.")
     root = Path(root)
     wanted = Recording(env_id, episodes, seed, float(disturb), extras, version("lerobot_policy_gcdt"))
+    if learner:
+        wanted = replace(wanted, policy=learner.name, mix=float(learner.mix))
     extras.check(wanted.env_id)
     parts = root.with_name(root.name + ".recording")
     if root.exists():
@@ -124,7 +137,7 @@ def record(
             if root.exists():  # another process has finished it just now
                 _check_same(wanted, root / RECORDING_FILE, root)
             else:
-                _make(wanted, parts, root, on_episode)
+                _make(wanted, parts, root, on_episode, learner)
             _remove_parts(parts)
     if not on_episode:
         print(summary(root))
@@ -135,26 +148,31 @@ def summary(root: str | Path) -> str:
     """Describes a recorded dataset: the expert's success rate and its steps to success."""
     facts = json.loads((Path(root) / RECORDING_FILE).read_text())
     steps = np.array(facts["steps_to_success"])
+    who = "a policy and the expert" if "policy" in facts else "the expert"
     return (
-        f"{facts['env_id']}: {len(steps)} episodes from {facts['attempts']} attempts of the expert "
+        f"{facts['env_id']}: {len(steps)} episodes from {facts['attempts']} attempts of {who} "
         f"(success rate {len(steps) / facts['attempts']:.3f}), first success after {steps.mean():.1f} steps "
         f"({steps.min()}-{steps.max()})"
     )
 
 
-def run_episode(env: gym.Env, seed: int, disturb: float = 0.0, extras: Extras = NO_EXTRAS) -> dict[str, np.ndarray]:
-    """Runs the expert for one episode, to the time limit.
+def run_episode(
+    env: gym.Env, seed: int, disturb: float = 0.0, extras: Extras = NO_EXTRAS, learner: Learner | None = None
+) -> dict[str, np.ndarray]:
+    """Runs the expert, or a policy that it corrects, for one episode, to the time limit.
 
     Demonstrations that never err do not show how to correct, and a policy cloned from them soon stops correcting.
     Disturbed ones do: now and then an arm is pushed sideways, backwards or turned for a step, more often where the
     expert moves slowly because precision matters. Never is it pushed ahead, where the jaws point, and the jaws obey.
     The recorded action is always the expert's own; ``env.step(action + disturbance)`` replays the episode exactly.
+    Where a policy acts, the disturbance is what its action, and a push, differ from the expert's by.
 
     Args:
         env: The environment.
-        seed: Seed of the reset and of the pushes.
+        seed: Seed of the reset, of the pushes and of whose turn it is.
         disturb: Largest push, in units of an action.
         extras: What to observe beside the environment's own observation.
+        learner: A policy that acts in the expert's place; None where the expert always acts.
 
     Returns:
         Arrays over the steps: ``observation``, ``achieved_goal``, ``desired_goal`` and the extras before the step,
@@ -163,10 +181,13 @@ def run_episode(env: gym.Env, seed: int, disturb: float = 0.0, extras: Extras = 
     expert = surrol_gym.make_expert(env)
     rng = np.random.default_rng([seed, PUSHES])
     observation, _ = env.reset(seed=seed)
+    choose = learner.begin(env, seed) if learner else None
     frames, truncated = [], False
     while not truncated:
         action = expert.act(observation)
-        disturbance = disturb * _push(rng, action, unwrapped(env).mounts) + 0.0  # turns -0 into 0
+        chosen = choose(observation, action) if choose else action
+        push = disturb * _push(rng, chosen, unwrapped(env).mounts)
+        disturbance = (chosen - action) + push + 0.0  # turns -0 into 0
         frame = observation | extras.observe(env) | {"action": action, "disturbance": disturbance}
         observation, reward, _, truncated, info = env.step(action + disturbance)
         frames.append(frame | {"reward": np.float32(reward), "success": info["is_success"]})
@@ -186,13 +207,15 @@ def _push(rng: np.random.Generator, action: np.ndarray, mounts: tuple[Mount, ...
     return push
 
 
-def _make(wanted: Recording, parts: Path, root: Path, on_episode: Callable[[], None] | None) -> None:
+def _make(
+    wanted: Recording, parts: Path, root: Path, on_episode: Callable[[], None] | None, learner: Learner | None
+) -> None:
     """Records what is missing among the finished episodes, and builds the dataset."""
     _prepare_parts(wanted, parts)
     env = gym.make(wanted.env_id)
     try:
-        kept = _record_episodes(env, wanted, parts, on_episode)
-        facts = asdict(wanted) | {
+        kept = _record_episodes(env, wanted, parts, on_episode, learner)
+        facts = wanted.facts() | {
             "seeds": [int(file.stem) for file in kept],
             "attempts": int(kept[-1].stem) - wanted.seed + 1,
         }
@@ -205,7 +228,9 @@ def _make(wanted: Recording, parts: Path, root: Path, on_episode: Callable[[], N
         env.close()
 
 
-def _record_episodes(env: gym.Env, wanted: Recording, parts: Path, on_episode: Callable[[], None] | None) -> list[Path]:
+def _record_episodes(
+    env: gym.Env, wanted: Recording, parts: Path, on_episode: Callable[[], None] | None, learner: Learner | None
+) -> list[Path]:
     """Records attempts until enough succeeded; returns the files of the successful ones, in order of their seeds."""
     kept: list[Path] = []
     name = f"Recording {unwrapped(env).task}"
@@ -217,7 +242,7 @@ def _record_episodes(env: gym.Env, wanted: Recording, parts: Path, on_episode: C
             if not file.exists():
                 unfinished = file.with_suffix(".unfinished")
                 with unfinished.open("wb") as stream:
-                    episode = run_episode(env, wanted.seed + attempt, wanted.disturb, wanted.extras)
+                    episode = run_episode(env, wanted.seed + attempt, wanted.disturb, wanted.extras, learner)
                     np.savez_compressed(stream, **episode)  # type: ignore[arg-type]  # none is called allow_pickle
                 os.replace(unfinished, file)
             with np.load(file) as episode:
@@ -230,9 +255,9 @@ def _record_episodes(env: gym.Env, wanted: Recording, parts: Path, on_episode: C
             attempt += 1
             if failures == FAILURES_IN_A_ROW:
                 raise RuntimeError(
-                    f"The expert of {wanted.env_id} failed {failures} times in a row, the last time with seed "
-                    f"{wanted.seed + attempt - 1}; the {len(kept)} successful episodes are kept in {parts}. "
-                    "Ask for fewer episodes, or start from another seed in another folder."
+                    f"{'A policy and the' if learner else 'The'} expert of {wanted.env_id} failed {failures} times in "
+                    f"a row, the last time with seed {wanted.seed + attempt - 1}; the {len(kept)} successful episodes "
+                    f"are kept in {parts}. Ask for fewer episodes, or start from another seed in another folder."
                 )
     return kept
 
@@ -292,7 +317,7 @@ def _prepare_parts(wanted: Recording, parts: Path) -> None:
     if note.exists():
         _check_same(wanted, note, parts)
         return
-    (parts / UNFINISHED_NOTE).write_text(json.dumps(asdict(wanted)))
+    (parts / UNFINISHED_NOTE).write_text(json.dumps(wanted.facts()))
     os.replace(parts / UNFINISHED_NOTE, note)
 
 

@@ -3,7 +3,7 @@
 Imports nothing of this package.
 """
 
-from lerobot_gcdt.training.outputs import checkpoint, existing_checkpoint, loss_curve
+from lerobot_gcdt.training.outputs import checkpoint, existing_checkpoint, loss_curve, training_seconds
 from lerobot_gcdt.training.stages import train
 
-__all__ = ["checkpoint", "existing_checkpoint", "loss_curve", "train"]
+__all__ = ["checkpoint", "existing_checkpoint", "loss_curve", "train", "training_seconds"]

@@ -2,10 +2,12 @@
 
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 
 LOSS_FILE = "loss.csv"
-"""In the output folder: columns ``step`` and ``loss``, the mean since the row before."""
+"""In the output folder: columns ``step``; ``loss``, the mean since the row before; and ``seconds`` since the beginning,
+CPU time of the process where it trains on the CPU, wall time on another device, which earlier versions left out."""
 
 
 def checkpoint(folder: str | Path) -> Path:
@@ -39,7 +41,27 @@ def loss_curve(output: str | Path) -> pd.DataFrame:
         output: Its output folder.
 
     Returns:
-        Columns ``step`` and ``loss``, each step once: a training that was interrupted has repeated some.
+        The columns of ``LOSS_FILE``, each step once: a training that was interrupted has repeated some.
     """
     losses = pd.read_csv(Path(output) / LOSS_FILE)
     return losses.drop_duplicates("step", keep="last").sort_values("step", ignore_index=True)
+
+
+def training_seconds(output: str | Path, step: int) -> float:
+    """Returns what a training took up to a step, seconds as in ``LOSS_FILE``.
+
+    Preparations, steps that an interruption lost, and what it began with (``--start``) do not count.
+
+    Args:
+        output: Its output folder.
+        step: The step; between two rows of the file the seconds are interpolated.
+
+    Returns:
+        The seconds, NaN where the training was begun without keeping them.
+    """
+    if not (Path(output) / LOSS_FILE).exists():
+        return np.nan
+    curve = loss_curve(output)
+    if "seconds" not in curve:
+        return np.nan
+    return float(np.interp(step, [0, *curve.step], [0.0, *curve.seconds]))

@@ -84,19 +84,15 @@ def train(
             raise ValueError(f"{start} is a policy of type {found}, not {policy}.")
         policy = found
     policy = policy or "gcdt"
-    recipe = _recipe(policy, stage or ("finetune" if start else "scratch"), start)
-    steps = recipe.steps if steps is None else steps
-    if steps is None:
-        raise ValueError(f"How long a policy of type {policy} has to train is not known here; say it with --steps.")
-    if steps < 1:
-        raise ValueError(f"The number of steps must be positive, got {steps}.")
+    settings = recipe(policy, stage or ("finetune" if start else "scratch"), start)
+    steps = steps_to_train(policy, settings, steps)
     beginning = [
         f"--policy.path={start}" if start else f"--policy.type={policy}",
-        *recipe.options,
+        *settings.options,
         "--policy.push_to_hub=false",
         *([f"--policy.device={device}"] if device else []),
         f"--dataset.repo_id=local/{dataset.name}",
-        f"--batch_size={recipe.batch_size}",
+        f"--batch_size={settings.batch_size}",
         f"--save_freq={max(500, steps // 40)}",
         f"--log_freq={max(1, steps // 80)}",
         "--num_workers=0",
@@ -133,8 +129,12 @@ def _arguments_to_reach(steps: int, output: Path, beginning: list[str], policy: 
     return [f"--config_path={config}", "--resume=true", *common]
 
 
-def _recipe(policy: str, stage: str, start: Path | None) -> Recipe:
-    """The settings of a stage, if there is such a one."""
+def recipe(policy: str, stage: str, start: Path | None = None) -> Recipe:
+    """Returns the settings of a stage.
+
+    Raises:
+        ValueError: There is no such policy, or it has no such stage with this start or without one.
+    """
     register_third_party_plugins()
     known = PreTrainedConfig.get_known_choices()
     if policy not in known:
@@ -147,6 +147,20 @@ def _recipe(policy: str, stage: str, start: Path | None) -> Recipe:
         begins = "a checkpoint; add --start" if goes_on else "random weights; leave out --start"
         raise ValueError(f"The stage {stage} begins with {begins}.")
     return RECIPES.get((policy, stage), Recipe(None, 8))
+
+
+def steps_to_train(policy: str, settings: Recipe, steps: int | None) -> int:
+    """Returns the steps that are asked for, or else those of the settings.
+
+    Raises:
+        ValueError: Neither says how many, or they are not positive.
+    """
+    steps = settings.steps if steps is None else steps
+    if steps is None:
+        raise ValueError(f"How long a policy of type {policy} has to train is not known here; say it with --steps.")
+    if steps < 1:
+        raise ValueError(f"The number of steps must be positive, got {steps}.")
+    return steps
 
 
 def _is_leftover(file: Path) -> bool:

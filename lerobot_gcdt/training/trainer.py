@@ -3,13 +3,23 @@
 accelerate launch --num_processes=4 -m lerobot_gcdt.training.trainer LOSS_FILE ARGUMENTS_OF_LEROBOT_TRAIN
 """
 
+import io
 import logging
 import sys
-from collections.abc import Sequence
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, redirect_stderr
 from pathlib import Path
 
+from lerobot.configs import parser
+from lerobot.configs.train import TrainPipelineConfig
 from lerobot.scripts import lerobot_train
 from lerobot.utils.logging_utils import MetricsTracker
+
+from lerobot_gcdt.training.outputs import loss_curve, training_seconds
+
+FIRST_STEP = "Start offline training"
+"""What LeRobot logs when everything is prepared; were it not found, a second or two of that would count as training."""
 
 
 def run(arguments: Sequence[str], losses: Path) -> None:
@@ -17,26 +27,64 @@ def run(arguments: Sequence[str], losses: Path) -> None:
 
     Args:
         arguments: Of `lerobot-train`.
-        losses: File that a row is added to whenever LeRobot logs; only one of several processes does.
+        losses: File that a row is added to whenever LeRobot logs (``lerobot_gcdt.training.outputs.LOSS_FILE``); only
+            one of several processes does.
     """
+    last = losses.parent / "checkpoints/last"
+    before = training_seconds(losses.parent, int(last.resolve().name)) if last.exists() else 0.0
+    timed = not losses.exists() or "seconds" in loss_curve(losses.parent)
+    begun = _clocks()
 
-    def keep_loss(message: logging.LogRecord) -> bool:
+    def keep_row(message: logging.LogRecord) -> bool:
+        nonlocal begun
         if isinstance(message.msg, MetricsTracker):
             row = message.msg.to_dict()
+            clock = "cpu" if message.msg.accelerator.device.type == "cpu" else "wall"
+            seconds = f",{before + _clocks()[clock] - begun[clock]:.3f}" if timed else ""
             losses.parent.mkdir(parents=True, exist_ok=True)
-            header = "" if losses.exists() else "step,loss\n"
+            header = "" if losses.exists() else "step,loss,seconds\n"
             with losses.open("a") as stream:
-                stream.write(f"{header}{row['steps']},{row['loss']}\n")
+                stream.write(f"{header}{row['steps']},{row['loss']}{seconds}\n")
+        elif str(message.msg).startswith(FIRST_STEP):
+            begun = _clocks()
         return True
 
-    logger, before = logging.getLogger(), sys.argv
-    logger.addFilter(keep_loss)
-    sys.argv = ["lerobot-train", *arguments]  # LeRobot reads parts of its configuration from here alone
+    logger = logging.getLogger()
+    logger.addFilter(keep_row)
     try:
-        lerobot_train.main()
+        with _command_line(arguments):
+            lerobot_train.main()
+    finally:
+        logger.removeFilter(keep_row)
+
+
+def check_options(arguments: Sequence[str]) -> None:
+    """Raises ValueError, with LeRobot's message, unless `lerobot-train` takes these arguments."""
+
+    @parser.wrap()
+    def read(config: TrainPipelineConfig) -> None:
+        pass
+
+    with _command_line(arguments), redirect_stderr(io.StringIO()) as told:
+        try:
+            read()
+        except SystemExit:
+            last = told.getvalue().strip().splitlines()[-1].strip()
+            raise ValueError(last.removeprefix("lerobot-train: error: ")) from None
+
+
+def _clocks() -> dict[str, float]:
+    return {"cpu": time.process_time(), "wall": time.perf_counter()}
+
+
+@contextmanager
+def _command_line(arguments: Sequence[str]) -> Iterator[None]:
+    """Lets `lerobot-train` find its arguments where it reads parts of its configuration from alone."""
+    before, sys.argv = sys.argv, ["lerobot-train", *arguments]
+    try:
+        yield
     finally:
         sys.argv = before
-        logger.removeFilter(keep_loss)
 
 
 if __name__ == "__main__":

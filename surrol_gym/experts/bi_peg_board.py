@@ -29,13 +29,13 @@ HANDOVER = np.array([2.56, -0.01, 3.78])
 RELEASE_HEIGHT = GOAL[2] + 0.036
 """Height of the ring's centre at which PSM1 lets go, around the peg; the lower jaw needs the room to open, su."""
 
-GAIN = 0.18
-"""Share of a large offset that one step covers; the pace of SurRoL's expert."""
+GAIN = 0.4
+"""Share of a large offset that one step covers."""
 
-FAST_GAIN = 0.28
-"""The same where a dropped ring is picked up."""
+ALIGNED = 0.006
+"""Misalignment below which the jaws close; 0.05 su of it count as one radian."""
 
-GRIP_1, GRIP_2, GRIP_2_FLAT = 0.040, 0.044, 0.0465
+GRIP_1, GRIP_2, GRIP_2_FLAT = 0.042, 0.044, 0.0465
 """Distance along the tool from link 5 to the tube it grasps, su; a flat ring is grasped as deep as the plate allows."""
 
 HELD_JAW = (0.1, 0.5)
@@ -85,7 +85,7 @@ def _move(offset: np.ndarray, turn: float = 0.0, jaw: float = CLOSE, **kwargs: A
 
 
 def _grasp(
-    to_grasp: np.ndarray, away: np.ndarray, turn: float, hover: float, aligned: float = 0.003, **kwargs: Any
+    to_grasp: np.ndarray, away: np.ndarray, turn: float, hover: float, aligned: float = ALIGNED, **kwargs: Any
 ) -> Target:
     """As ``surrol_gym.experts.grasp``, approaching against any direction and never from beside the object.
 
@@ -186,8 +186,8 @@ class Scene:
             under_pegs = rim[0] < HANGING_TIP_X + 0.02
             if under_pegs and to_grasp[2] < -0.04:
                 to_grasp[0] = max(to_grasp[0], HANGING_TIP_X + 0.06 - self.position2[0])
-                return _move(to_grasp + 0.03 * _Z, -self.yaw, OPEN, gain=FAST_GAIN)
-            return _grasp(to_grasp, _Z, -self.yaw, hover=0.03 if under_pegs else 0.12, gain=FAST_GAIN)
+                return _move(to_grasp + 0.03 * _Z, -self.yaw, OPEN)
+            return _grasp(to_grasp, _Z, -self.yaw, hover=0.03 if under_pegs else 0.12)
         up = _Z - self.axis[2] * self.axis
         up /= hypot(*up)
         side = np.cross(self.axis, up)
@@ -241,7 +241,7 @@ class Scene:
         rim = _Y - self.axis[1] * self.axis
         rim = self.centre + RING_RADIUS * rim / hypot(*rim)
         to_grasp = rim - GRIP_1 * _psm1_tool(pitch) - self.position1
-        return _grasp(to_grasp, _Y, 2 * (pitch - self.pitch), hover=0.05, turn_speed=1.0)
+        return _grasp(to_grasp, _Y, 2 * (pitch - self.pitch), hover=0.05, aligned=ALIGNED / 2, turn_speed=1.0)
 
     def _is_through_ring(self) -> bool:
         """Whether PSM1's gripper is through the ring, which it would take along."""
@@ -259,7 +259,7 @@ class Scene:
 
     def put_down(self) -> Target:
         """Lays the ring flat on the way to the peg, lowers it around the peg and lets go."""
-        if self.held2 or self._is_beside_psm2():
+        if self.held2:
             return _move(_STILL)
         if self.is_around_peg() and self.centre[2] < RELEASE_HEIGHT:
             return self.back_off()
@@ -269,17 +269,12 @@ class Scene:
         turn = min(pitch, PITCH_LIMIT) - self.pitch
         offset = GOAL - self.centre
         away = max(hypot(offset[0], offset[1]), 0.05 * abs(turn))
-        if away > 0.03 or self.centre[2] > 3.6:
-            offset = self._way(np.array([*GOAL[:2], 3.63]))
-        if away < 0.034:
-            height = RELEASE_HEIGHT - 0.004 + np.clip(5 * (away - 0.006), 0.0, 0.14)
-            offset[2] = height - self.centre[2]
-        return _move(offset, 2 * turn, CLOSE, turn_speed=1.0)
-
-    def _is_beside_psm2(self) -> bool:
-        """Whether PSM2 has not left yet; until then PSM1's grasp may be by friction alone."""
-        x, y, z = self.position2 - TIP_OFFSET * _Z - self.grip1
-        return hypot(x, y) < 0.1 and z < 0.04
+        offset[2] += RELEASE_HEIGHT - 0.004 - GOAL[2] + np.clip(5 * (away - 0.012), 0.0, 0.14)
+        if not self.is_around_peg():
+            offset = self._way(self.centre + offset)
+        # Until PSM2 has left, friction alone may hold the ring.
+        speed = np.clip(20 * (hypot(*(self.position2 - TIP_OFFSET * _Z - self.grip1)) - 0.075), 0.05, 0.7)
+        return _move(offset, 2 * turn, CLOSE, speed=speed, turn_speed=speed)
 
     def back_off(self) -> Target:
         """Opens the jaws and draws them off the ring, then stays beside it."""
@@ -307,4 +302,4 @@ class Scene:
         to_hole[2] += np.clip(5 * (misalignment - 0.006), 0.0, 0.05 if under_pegs else 0.12)
         if under_pegs and self.tip1[2] > z + 0.08:
             to_hole[0] = max(to_hole[0], HANGING_TIP_X + 0.06 - self.position1[0])
-        return _move(to_hole, -2 * self.pitch, CLOSE, gain=FAST_GAIN, turn_speed=1.0)
+        return _move(to_hole, -2 * self.pitch, CLOSE, turn_speed=1.0)

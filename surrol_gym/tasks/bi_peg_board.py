@@ -78,8 +78,8 @@ class BiPegBoardEnv(PSMEnv):
     observation_quantities = (
         *robot_state(arms=2),
         point("ring", "centre of the red ring"),
-        point("ring_rel_psm1", "the same relative to link 5 of PSM1"),
-        point("ring_rel_psm2", "the same relative to link 5 of PSM2"),
+        point("ring_rel_psm1", "the same relative to link 5 of PSM1", derived_from=("ring", "psm1")),
+        point("ring_rel_psm2", "the same relative to link 5 of PSM2", derived_from=("ring", "psm2")),
         point("point1", "point 1, where link 5 of PSM1 is when it takes a hanging ring; fixed to the ring"),
         euler("point1", "its fixed-axis x-y-z Euler angles"),
         point("point2", "point 2, the same for PSM2"),

@@ -63,8 +63,8 @@ class BiPegTransferEnv(PSMEnv):
     observation_quantities = (
         *robot_state(arms=2),
         point("block", "centre of the red block"),
-        point("block_rel1", "the same relative to link 5 of PSM1"),
-        point("block_rel2", "the same relative to link 5 of PSM2"),
+        point("block_rel1", "the same relative to link 5 of PSM1", derived_from=("block", "psm1")),
+        point("block_rel2", "the same relative to link 5 of PSM2", derived_from=("block", "psm2")),
         point("wall1", "middle of the block's wall at +60 degrees, for PSM1"),
         euler("wall1", "its fixed-axis x-y-z Euler angles; the wall's x axis points into the hole"),
         point("wall2", "middle of the block's wall at -60 degrees, for PSM2"),

@@ -64,8 +64,8 @@ class GauzeRetrieveEnv(PSMEnv):
     observation_quantities = (
         *robot_state(),
         point("gauze", "centre of the gauze"),
-        point("gauze_rel", "the same relative to link 5"),
-        point("grasp_point", "where to grasp the gauze: its centre again"),
+        point("gauze_rel", "the same relative to link 5", derived_from=("gauze", "psm1")),
+        point("grasp_point", "where to grasp the gauze: its centre again", derived_from=("gauze",)),
         euler("grasp_point", "its fixed-axis x-y-z Euler angles"),
     )
     solver_iterations = 20  # a step takes a third less time than with 50, and episodes end the same

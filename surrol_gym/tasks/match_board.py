@@ -98,7 +98,7 @@ class MatchBoardEnv(PSMEnv):
         *robot_state(),
         Quantity("piece_class", "class of the piece: 0 to 8 for 0, 1, 2, 4, 5, 6, A, B, C"),
         point("piece", "centre of mass of the piece"),
-        point("piece_rel", "the same relative to link 5"),
+        point("piece_rel", "the same relative to link 5", derived_from=("piece", "psm1")),
         point("mark", "mark of the piece, a point within 0.005 su of its middle"),
         euler("mark", "fixed-axis x-y-z Euler angles of the piece"),
     )

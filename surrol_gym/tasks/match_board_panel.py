@@ -74,7 +74,7 @@ class MatchBoardPanelEnv(PSMEnv):
     observation_quantities = (
         *robot_state(),
         point("letter", "centre of mass of the letter"),
-        point("letter_rel", "the same relative to link 5"),
+        point("letter_rel", "the same relative to link 5", derived_from=("letter", "psm1")),
         point("grip", "grip point, 0.0375 above the back of the letter"),
         euler("grip", "fixed-axis x-y-z Euler angles of the jaws' best orientation there"),
         point("lid", "centre of the lid over the goal's row"),

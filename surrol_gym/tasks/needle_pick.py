@@ -60,7 +60,7 @@ class NeedlePickEnv(PSMEnv):
     observation_quantities = (
         *robot_state(),
         point("needle", "centre of mass of the needle"),
-        point("needle_rel", "the same relative to link 5"),
+        point("needle_rel", "the same relative to link 5", derived_from=("needle", "psm1")),
         point("middle", "middle of the needle's arc"),
         euler("middle", "its fixed-axis x-y-z Euler angles"),
     )

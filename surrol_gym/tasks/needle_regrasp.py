@@ -77,8 +77,8 @@ class NeedleRegraspEnv(PSMEnv):
     observation_quantities = (
         *robot_state(arms=2),
         point("needle", "centre of mass of the needle"),
-        point("needle_rel1", "the same relative to link 5 of PSM1"),
-        point("needle_rel2", "the same relative to link 5 of PSM2"),
+        point("needle_rel1", "the same relative to link 5 of PSM1", derived_from=("needle", "psm1")),
+        point("needle_rel2", "the same relative to link 5 of PSM2", derived_from=("needle", "psm2")),
         point("left", "left grasp point, 60 degrees from the middle of the arc, for PSM2"),
         euler("left", "its fixed-axis x-y-z Euler angles"),
         point("right", "right grasp point, 60 degrees to the other side, held by PSM1 at first"),

@@ -58,7 +58,7 @@ class PegTransferEnv(PSMEnv):
     observation_quantities = (
         *robot_state(),
         point("block", "centre of the red block"),
-        point("block_rel", "the same relative to link 5"),
+        point("block_rel", "the same relative to link 5", derived_from=("block", "psm1")),
         point("wall", "middle of the block's wall at +60 degrees"),
         euler("wall", "its fixed-axis x-y-z Euler angles; the wall's x axis points into the hole"),
     )

@@ -32,7 +32,7 @@ def test_help_shows_an_example(arguments, capsys):
     assert "gcdt record --task NeedlePick --episodes 100 --seed 0 --root" in printed
 
 
-@pytest.mark.parametrize("command", ["record", "import", "merge", "train", "evaluate", "publish"])
+@pytest.mark.parametrize("command", ["record", "import", "merge", "train", "evaluate", "benchmark", "publish"])
 def test_the_example_in_the_help_is_a_valid_command(command, capsys, monkeypatch):
     calls = []
     monkeypatch.setattr(cli, f"_{command}", calls.append)
@@ -53,7 +53,7 @@ def test_all_published_datasets_are_recorded_with_their_settings(capsys, monkeyp
 
 def test_a_single_task_is_recorded_without_pushes_unless_they_are_asked_for(monkeypatch):
     calls = []
-    monkeypatch.setattr("lerobot_gcdt.recording.record", lambda *arguments: calls.append(arguments))
+    monkeypatch.setattr("lerobot_gcdt.recording.record", lambda *arguments, learner: calls.append(arguments))
     command = ["record", "--task", "NeedlePick", "--root", "x"]
     cli.main(command)
     cli.main([*command, "--disturb", "0.5"])
@@ -62,7 +62,7 @@ def test_a_single_task_is_recorded_without_pushes_unless_they_are_asked_for(monk
 
 def test_fields_and_cameras_are_lists(monkeypatch):
     calls = []
-    monkeypatch.setattr("lerobot_gcdt.recording.record", lambda *arguments: calls.append(arguments))
+    monkeypatch.setattr("lerobot_gcdt.recording.record", lambda *arguments, learner: calls.append(arguments))
     command = ["record", "--task", "NeedlePick", "--root", "x", "--fields", "openh"]
     cli.main([*command, "--cameras", "overview, closeup", "--camera_size", "64"])
     assert calls[0][-1] == Extras(["openh"], ["overview", "closeup"], 64)
@@ -92,8 +92,9 @@ def test_an_unknown_task_ends_with_one_line_and_no_traceback(tmp_path):
         ["record", "--task", "NeedleThread", "--root", "x"],
         ["train", "--dataset", "missing", "--output", "x"],
         ["evaluate", "missing"],
+        ["benchmark", "--tasks", "NeedleReach", "--datasets", "missing"],
     ],
-    ids=["help", "help of a command", "no number", "unknown task", "no dataset", "no training"],
+    ids=["help", "help of a command", "no number", "unknown task", "no dataset", "no training", "no datasets"],
 )
 def test_help_and_mistakes_are_answered_without_slow_imports(arguments):
     program = f"""
@@ -136,17 +137,40 @@ def test_train_passes_on_what_was_asked_for(tmp_path, monkeypatch):
     assert calls == [asked | {"options": ["--policy.chunk_size=5", "--seed=3"]}]
 
 
+def test_benchmark_passes_on_what_was_asked_for(tmp_path, monkeypatch, capsys):
+    calls = []
+    outcome = {"method": "bc", "task": "NeedlePick", "training_seed": 3, "step": 8, "seconds": 7.0, "seed": [5, 6]}
+    episodes = pd.DataFrame(outcome | {"reached": True, "held": False, "steps": 9.0})
+    monkeypatch.setattr(
+        "lerobot_gcdt.benchmark.learning.benchmark", lambda **arguments: calls.append(arguments) or episodes
+    )
+    folders = {"datasets": tmp_path, "output": tmp_path / "x"}
+    command = ["benchmark", *(part for name, value in folders.items() for part in (f"--{name}", str(value)))]
+    command += ["--tasks", "NeedlePick,NeedleReach", "--methods", "gcdt,bc", "wide=bc --policy.hidden_sizes=[9,9]"]
+    command += ["--seeds", "3,4", "--steps", "8", "--points", "2", "--starts", "2", "--first_seed", "5"]
+    cli.main([*command, "--", "--policy.device=cpu"])
+    asked = {"tasks": ["NeedlePick", "NeedleReach"], "methods": ["gcdt", "bc", "wide=bc --policy.hidden_sizes=[9,9]"]}
+    asked |= {"seeds": [3, 4], "steps": 8, "points": 2, "starts": range(5, 7), "options": ["--policy.device=cpu"]}
+    assert calls == [folders | asked]
+    assert "| NeedlePick | bc | 1 | 2 | 8 | 7 | 1.00 (0.34-1.00) | 0.00 (0.00-0.66) |" in capsys.readouterr().out
+
+
+def test_the_help_of_benchmark_says_what_starts_are_for(capsys):
+    told = " ".join(help_of(["benchmark"], capsys).split())
+    assert "20000, for validation: starts from 100000 on are for reporting" in told
+
+
 def test_evaluate_shows_and_films_the_starts_that_were_asked_for(tmp_path, tiny_config, monkeypatch, capsys):
     tiny_config.save_pretrained(folder := tmp_path / "000001/pretrained_model")
     monkeypatch.setattr(
         "lerobot_gcdt.evaluation.evaluate_checkpoint",
-        lambda checkpoint, tasks, seeds, file: pd.DataFrame(
+        lambda checkpoint, tasks, seeds, file, sensors: pd.DataFrame(
             {"task": tasks[0], "seed": seeds, "reached": True, "held": False}
         ),
     )
     films = []
     monkeypatch.setattr("lerobot_gcdt.evaluation.load_policy", lambda path: path)
-    monkeypatch.setattr("lerobot_gcdt.evaluation.pictures.film", lambda *arguments: films.append(arguments))
+    monkeypatch.setattr("lerobot_gcdt.evaluation.pictures.film", lambda *arguments, **_: films.append(arguments))
     cli.main(["evaluate", str(folder), "--tasks", "NeedlePick", "--first_seed", "7", "--starts", "4", "--film"])
     assert "NeedlePick held    0.00" in (printed := capsys.readouterr().out)
     assert "4 starts, seeds 7-10" in printed
@@ -241,3 +265,58 @@ def test_the_built_in_policy_is_evaluated_by_its_name(tmp_path, capsys):
 def test_one_file_keeps_the_episodes_of_one_training(tmp_path):
     with pytest.raises(SystemExit, match="a single training, got a, b"):
         cli.main(["evaluate", "a", "b", "--episodes", str(tmp_path / "episodes.parquet")])
+
+
+def test_imperfect_sensors_need_a_file_of_their_own(tmp_path):
+    with pytest.raises(SystemExit, match="dropout.*--episodes"):
+        cli.main(["evaluate", str(tmp_path), "--dropout", "0.1"])
+
+
+def test_the_sensors_that_are_asked_for_are_those_of_the_evaluation_and_the_film(tmp_path, monkeypatch):
+    file, calls = tmp_path / "episodes.parquet", []
+    rows = pd.DataFrame({"task": ["NeedleReach"], "seed": 7, "reached": True, "held": True})
+    for name, returned in (("evaluate_checkpoint", rows), ("pictures.film", None)):
+
+        def note(*arguments, sensors, returned=returned, **options):
+            calls.append(sensors)
+            return returned
+
+        monkeypatch.setattr(f"lerobot_gcdt.evaluation.{name}", note)
+    command = ["evaluate", "generalist", "--tasks", "NeedleReach", "--episodes", str(file), "--film"]
+    cli.main([*command, "--position_std", "0.01", "--delay", "2"])
+    assert calls == [{"position_std": 0.01, "delay": 2}] * 2
+
+
+def test_the_policy_that_acts_is_named_by_the_checkpoint_that_is_the_last_now(tmp_path, tiny_config, monkeypatch):
+    tiny_config.save_pretrained(tmp_path / "checkpoints/000010/pretrained_model")
+    (tmp_path / "checkpoints/last").symlink_to("000010")
+    learners = []
+    monkeypatch.setattr("lerobot_gcdt.evaluation.load_policy", lambda path: path)
+    monkeypatch.setattr("lerobot_gcdt.evaluation.tasks.tasks_of", lambda path, tasks: tasks)
+    monkeypatch.setattr("lerobot_gcdt.recording.record", lambda *arguments, learner: learners.append(learner))
+    cli.main(["record", "--task", "NeedleReach", "--root", "x", "--policy", str(tmp_path), "--mix", "0.5"])
+    assert learners[0].policy == tmp_path / "checkpoints/last/pretrained_model"
+    assert learners[0].name == str(tmp_path / "checkpoints/000010/pretrained_model")
+    assert learners[0].mix == 0.5
+
+
+def test_the_built_in_policy_acts_by_its_name(tmp_path):
+    root = tmp_path / "reach"
+    cli.main(["record", "--task", "NeedleReach", "--episodes", "1", "--root", str(root), "--policy", "generalist"])
+    facts = json.loads((root / "meta/surrol.json").read_text())
+    assert (facts["policy"], facts["mix"]) == ("generalist", 0)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["--task", "NeedleReach", "--mix", "0.5"], "--mix 0.5 needs a policy"),
+        (["--all", "--policy", "generalist"], "--policy acts in the recording of a single task"),
+        (["--task", "NeedleReach", "--policy", "generalist", "--mix", "2"], "got 2"),
+    ],
+    ids=["mix without a policy", "policy of all tasks", "mix out of range"],
+)
+def test_a_policy_that_cannot_act_is_told_before_anything_is_recorded(arguments, told, tmp_path):
+    with pytest.raises(SystemExit, match=told):
+        cli.main(["record", *arguments, "--root", str(tmp_path / "x")])
+    assert not list(tmp_path.iterdir())

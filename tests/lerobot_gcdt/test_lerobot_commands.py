@@ -23,7 +23,7 @@ from lerobot.datasets.lerobot_dataset import LeRobotDataset
 from safetensors.torch import load_file
 
 from lerobot_gcdt import GCDTPolicy
-from lerobot_gcdt.evaluation.rollout import observation_batch
+from lerobot_gcdt.environment.policy_input import observation_batch
 
 COMMANDS = Path(sys.executable).parent
 STEPS, SAVED = 8, 4

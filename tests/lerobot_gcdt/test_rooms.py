@@ -24,7 +24,9 @@ MAY_IMPORT = {
     "recording": {"environment", "surrol_gym", "data", "keys", "errors"},
     "evaluation": {"environment", "surrol_gym", "keys", "errors"},
     "training": set(),
-    "benchmark": {"policy", "baselines", "recording", "evaluation", "training", "environment", "data", "keys"},
+    "benchmark": {
+        *("policy", "baselines", "recording", "evaluation", "training", "environment", "data", "surrol_gym", "keys"),
+    },
     "hub": {"recording", "evaluation", "training", "environment", "surrol_gym", "keys", "errors"},
     "lerobot_gcdt": {"policy", "baselines", "environment"},
     "gcdt_cli": {"lerobot_gcdt", "recording", "evaluation", "training", "hub", "benchmark", "surrol_gym"},

@@ -1,5 +1,7 @@
 """Evaluating checkpoints: the tasks that a policy knows, on the seeds that were asked for, once."""
 
+from functools import partial
+
 import pandas as pd
 import pytest
 from lerobot.configs.types import FeatureType, PolicyFeature
@@ -73,11 +75,11 @@ def test_an_interrupted_evaluation_goes_on_after_its_last_batch(checkpoint, monk
     whole = rollout.rollout
     batches = []
 
-    def interrupted(policy, task, seeds):
+    def interrupted(policy, task, seeds, **options):
         batches.append(seeds)
         if len(batches) == 2:
             raise KeyboardInterrupt
-        return whole(policy, task, seeds)
+        return whole(policy, task, seeds, **options)
 
     monkeypatch.setattr(rollout, "rollout", interrupted)
     with pytest.raises(KeyboardInterrupt):
@@ -121,3 +123,29 @@ def test_episodes_of_any_policy_are_kept_in_the_file_that_is_named(checkpoint, t
         evaluate_checkpoint(policy, ["NeedleReach"], [7])
     episodes = evaluate_checkpoint(policy, ["NeedleReach"], [7], file=tmp_path / "results/mine.parquet")
     pd.testing.assert_frame_equal(episodes, pd.read_parquet(tmp_path / "results/mine.parquet"))
+
+
+def test_a_file_keeps_the_episodes_of_one_kind_of_sensors(checkpoint, tmp_path):
+    noisy = {"position_std": 0.01, "delay": 1}
+    evaluated = partial(evaluate_checkpoint, checkpoint, ["NeedleReach"], [7])
+    evaluated(file=tmp_path / "noisy.parquet", sensors=noisy)
+    assert evaluated(file=tmp_path / "noisy.parquet", sensors=noisy).position_std.tolist() == [0.01]
+    for sensors in (None, {"position_std": 0.01}):
+        with pytest.raises(ValueError, match="noisy.parquet is not for episodes of sensors with .* delay 0"):
+            evaluated(file=tmp_path / "noisy.parquet", sensors=sensors)
+    evaluated(file=tmp_path / "perfect.parquet")
+    with pytest.raises(ValueError, match="perfect.parquet is not for episodes of sensors with position_std 0.01"):
+        evaluated(file=tmp_path / "perfect.parquet", sensors=noisy)
+
+
+def test_episodes_beside_a_checkpoint_are_of_perfect_sensors(checkpoint):
+    for file in (None, checkpoint.parent / "episodes.parquet"):
+        with pytest.raises(ValueError, match="episodes.parquet is not for episodes of sensors with .* --episodes"):
+            evaluate_checkpoint(checkpoint, ["NeedleReach"], [7], file=file, sensors={"dropout": 0.1})
+    assert [file.name for file in checkpoint.parent.iterdir()] == ["pretrained_model"]
+
+
+def test_bad_sensors_are_told_before_anything_is_kept(checkpoint, tmp_path):
+    with pytest.raises(ValueError, match="dropout .* got 2"):
+        evaluate_checkpoint(checkpoint, ["NeedleReach"], [7], file=tmp_path / "x.parquet", sensors={"dropout": 2})
+    assert not (tmp_path / "x.parquet").exists()

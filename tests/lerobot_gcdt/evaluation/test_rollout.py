@@ -10,7 +10,7 @@ import torch
 
 import surrol_gym
 from lerobot_gcdt.evaluation import evaluate
-from lerobot_gcdt.evaluation.rollout import observation_batch
+from surrol_gym.wrappers import ImperfectSensors
 
 TASKS = ["NeedleReach", "NeedlePick", "BiPegBoard"]
 
@@ -174,20 +174,38 @@ def test_policies_see_the_keys_of_the_dataset(needle_pick_meta):
     assert policy.batches[0]["task"] == list(needle_pick_meta.tasks.index) * 2
 
 
-def test_an_observation_becomes_float32_tensors_under_the_keys_of_the_dataset():
-    rng = np.random.default_rng(0)
-    sizes = {"observation": 7, "achieved_goal": 3, "desired_goal": 3}
-    observation = {key: rng.random((2, size), dtype=np.float32) for key, size in sizes.items()}
-    batch = observation_batch(None, observation, "Reach.")
-    for key, source in (
-        ("observation.state", "observation"),
-        ("observation.achieved_goal", "achieved_goal"),
-        ("observation.goal", "desired_goal"),
-        ("observation.environment_state", "desired_goal"),
-    ):
-        assert batch[key].dtype == torch.float32
-        np.testing.assert_array_equal(batch[key], observation[source])
-    assert batch["task"] == ["Reach.", "Reach."]
+# Imperfect sensors.
+
+
+def test_the_policy_sees_what_the_sensors_show():
+    policy = Zeros()
+    evaluate(policy, ["NeedlePick"], [7, 8], sensors={"position_std": 0.01, "delay": 1})
+    with gym.make("surrol/NeedlePick-v0") as env:
+        shown, _ = ImperfectSensors(env, position_std=0.01, delay=1).reset(seed=8)
+    for batch in policy.batches[:2]:  # the first reading is shown twice
+        np.testing.assert_array_equal(batch["observation.state"][1], shown["observation"])
+
+
+def test_rows_are_judged_by_the_truth_and_tell_the_sensors():
+    blind, perfect = (evaluate(Zeros(), ["NeedlePick"], [7], sensors=sensors) for sensors in ({"angle_std": 1.0}, {}))
+    pd.testing.assert_frame_equal(blind[perfect.columns], perfect)
+    assert blind.iloc[0, len(perfect.columns) :].to_dict() == {
+        "position_std": 0,
+        "angle_std": 1,
+        "dropout": 0,
+        "delay": 0,
+    }
+
+
+def test_noise_does_not_depend_on_what_runs_beside():
+    sensors = {"position_std": 0.01, "angle_std": 0.1}
+    together, alone = (evaluate(ScriptedExpert(), ["NeedlePick"], seeds, sensors=sensors) for seeds in ([3, 4], [4]))
+    pd.testing.assert_frame_equal(together[1:].reset_index(drop=True), alone)
+
+
+def test_the_expert_fails_where_it_sees_badly():
+    episodes = evaluate(ScriptedExpert(), ["NeedlePick"], [100, 101, 102], sensors={"position_std": 0.1})
+    assert not episodes.held.all()
 
 
 # Bad input.

@@ -171,6 +171,15 @@ def test_pushes_are_told_where_there_were_any(needle_reach_root, rich_root):
     assert "was pushed" not in dataset_card(needle_reach_root)
 
 
+def test_a_policy_that_acted_is_told_where_there_was_one(needle_reach_root):
+    facts = card_facts(needle_reach_root)
+    assert "policy `" not in card(facts, "user/reach", "pictures")
+    told = " ".join(card(facts | {"policy": "outputs/my reach", "mix": 0.25}, "user/reach", "pictures").split())
+    assert "--policy 'outputs/my reach' --mix 0.25 --root" in told
+    assert "the policy `outputs/my reach` acted" in told and "probability 0.25" in told
+    assert "Nothing diverts the expert" not in told
+
+
 def test_loading_is_shown_by_the_repository_id(root):
     assert 'LeRobotDataset("me/thing")' in dataset_card(root, "me/thing")
     assert f'LeRobotDataset("user/{root.name}")' in dataset_card(root)
@@ -191,6 +200,14 @@ def test_a_merged_dataset_is_described_task_by_task(uneven_root, uneven_meta):
     assert "gcdt merge" in text and text.count("gcdt record --task") == 2
     for task, numbers in (("NeedlePick", 19), ("NeedleReach", 7)):
         assert len(rows(text.split(f"### {task}\n")[1], "#### `observation.state`")) == numbers
+
+
+def test_recordings_of_one_task_are_made_in_folders_of_their_own(needle_reach_root):
+    part = card_facts(needle_reach_root)
+    learned = part | {"policy": "outputs/reach", "mix": 0.0}
+    text = card({"merged_from": [part, learned]}, "me/thing", "pictures")
+    assert "--root datasets/surrol_needle_reach\n" in text and "--root datasets/surrol_needle_reach_1\n" in text
+    assert "policy `outputs/reach`" in text
 
 
 def test_a_merger_of_mergers_is_described_by_its_recordings(uneven_root):

@@ -16,10 +16,22 @@ PICK = "Pick up the needle and bring its middle to the goal."
 REACH = "Move the closed jaw tips to the point above the needle."
 
 
+def paper(config):
+    """The same configuration with a token an item, and time-to-goal that counts down."""
+    config.one_token, config.time_to_goal_dropout = False, 0.0
+    return config
+
+
 @pytest.fixture
 def policy(tiny_config, needle_pick_meta):
     torch.manual_seed(0)
-    return GCDTPolicy(copy.deepcopy(tiny_config), dataset_meta=needle_pick_meta)
+    return GCDTPolicy(tiny_config, dataset_meta=needle_pick_meta)
+
+
+@pytest.fixture
+def paper_policy(tiny_config, needle_pick_meta):
+    torch.manual_seed(0)
+    return GCDTPolicy(paper(tiny_config), dataset_meta=needle_pick_meta)
 
 
 @pytest.fixture
@@ -54,8 +66,8 @@ def rows(batch, chosen):
 
 
 @pytest.mark.parametrize("key", [STATE, GOAL, ACHIEVED_GOAL, TIME_TO_GOAL, ACTION])
-def test_a_change_after_t_changes_no_action_up_to_t(policy, key):
-    t = 20
+def test_a_change_after_t_changes_no_action_up_to_t(paper_policy, key):
+    t, policy = 20, paper_policy
     sequences = whole(policy, 0)
     before = policy.predict_actions(sequences)
     changed = copy.deepcopy(sequences)
@@ -65,7 +77,26 @@ def test_a_change_after_t_changes_no_action_up_to_t(policy, key):
     assert not torch.equal(before[:, t + 1 :], after[:, t + 1 :])
 
 
-def test_an_action_is_not_visible_to_its_own_prediction(policy):
+@pytest.mark.parametrize("key", [STATE, GOAL, ACHIEVED_GOAL])
+def test_what_is_joined_into_one_token_is_not_visible_earlier_either(policy, key):
+    sequences = whole(policy, 0)
+    before = policy.predict_actions(sequences)
+    sequences.items[key][:, 21:] += 1
+    after = policy.predict_actions(sequences)
+    assert torch.equal(before[:, :21], after[:, :21])
+    assert not torch.equal(before[:, 21:], after[:, 21:])
+
+
+@pytest.mark.parametrize("key", [ACTION, TIME_TO_GOAL])
+def test_neither_past_actions_nor_a_hidden_time_to_goal_are_visible(policy, key):
+    sequences = whole(policy, 0)
+    before = policy.predict_actions(sequences)
+    sequences.items[key] += 1
+    assert torch.equal(before, policy.predict_actions(sequences))
+
+
+def test_an_action_is_not_visible_to_its_own_prediction(paper_policy):
+    policy = paper_policy
     sequences = whole(policy, 0)
     before = policy.predict_actions(sequences)
     sequences.items[ACTION][:, 20] += 1
@@ -117,20 +148,31 @@ def test_the_achieved_goal_is_out_of_sight_without_relative_goals(tiny_config, n
 
 
 @pytest.mark.parametrize("context_length", [100, 8, 1])
-def test_the_cached_rollout_equals_the_full_forward_pass(tiny_config, needle_pick_meta, context_length):
+@pytest.mark.parametrize("one_token", [True, False])
+@pytest.mark.parametrize("dropout", [0.0, 0.5, 1.0])
+def test_the_cached_rollout_equals_the_full_forward_pass(
+    tiny_config, needle_pick_meta, monkeypatch, context_length, one_token, dropout
+):
     torch.manual_seed(0)
-    config = copy.deepcopy(tiny_config)
-    config.context_length = context_length
-    policy = GCDTPolicy(config, dataset_meta=needle_pick_meta).eval()
-    sequences = whole(policy, 0)
-    sequences.items[TIME_TO_GOAL][0, :, 0] = torch.tensor([policy._time_to_goal(PICK, t) for t in range(50)])
-    rolled_out = []
+    tiny_config.context_length, tiny_config.one_token = context_length, one_token
+    tiny_config.time_to_goal_dropout = dropout
+    policy = GCDTPolicy(tiny_config, dataset_meta=needle_pick_meta).eval()
+    seen = []
+    step_tokens = policy._step_tokens
+    monkeypatch.setattr(policy, "_step_tokens", lambda *args: seen.append(args[2]) or step_tokens(*args))
+    sequences, rolled_out, times = whole(policy, 0), [], []
     for t in range(50):
         batch = {key: sequences.items[key][:, t] for key in (STATE, GOAL, ACHIEVED_GOAL)}
         rolled_out.append(policy.select_action(batch | {"task": [PICK]}))
+        times += [items[TIME_TO_GOAL] for items in seen if TIME_TO_GOAL in items]
+        seen.clear()
     sequences.items[ACTION] = torch.stack(rolled_out, 1)
+    assert len(times) == (0 if dropout == 1 else 50)
+    if times:
+        sequences.items[TIME_TO_GOAL] = torch.stack(times, 1)
     with torch.no_grad():
-        full = policy.predict_actions(sequences)
+        states = policy.read(sequences, torch.full((1, 50), dropout == 1))
+        full = policy.predict_actions(sequences, states)
     torch.testing.assert_close(sequences.items[ACTION], full, atol=1e-5, rtol=1e-5)
 
 
@@ -173,11 +215,43 @@ def test_inference_ignores_autocast(policy):
         assert torch.equal(policy.select_action(batch), exact)
 
 
-def test_time_to_goal_starts_at_the_expected_length_and_stays_above_zero(policy):
-    expected = policy.config.expected_steps[PICK]
-    assert policy._time_to_goal(PICK, 0) == pytest.approx(expected)
-    assert policy._time_to_goal(PICK, 10) == pytest.approx(expected - 10)
-    assert policy._time_to_goal(PICK, 99) == 1
+def test_in_the_papers_way_time_to_goal_starts_at_the_expected_length_and_stays_above_zero(paper_policy):
+    expected = paper_policy.config.expected_steps[PICK]
+    assert paper_policy._countdown(PICK, 0) == pytest.approx(expected)
+    assert paper_policy._countdown(PICK, 10) == pytest.approx(expected - 10)
+    assert paper_policy._countdown(PICK, 99) == 1
+
+
+def test_only_the_papers_way_knows_which_step_it_is(policy, paper_policy):
+    batch = observation(1)
+    for each, same in ((policy, True), (paper_policy, False)):
+        each.config.context_length = 1
+        each.eval().reset()
+        first, second = each.select_action(batch), each.select_action(batch)
+        assert torch.equal(first, second) == same
+
+
+def test_time_to_goal_is_hidden_in_training_but_for_what_is_relabelled(policy):
+    policy.config.time_to_goal_dropout = 0.5
+    sequences = policy.train()._draw(torch.arange(200), 1)
+    hidden = policy._without_time(sequences)
+    assert 0.3 < hidden[~sequences.relabelled].float().mean() < 0.7
+    assert not hidden[sequences.relabelled].any()
+    assert policy.eval()._without_time(sequences).all()
+
+
+def test_a_policy_without_a_clock_learns_to_predict_time_to_goal(policy):
+    batch, steps = {"index": torch.arange(200)}, whole(policy, 0)
+    optimiser = torch.optim.AdamW(policy.get_optim_params(), lr=3e-3)
+    policy.train()
+    for _ in range(60):
+        policy.forward(batch)[0].backward()
+        optimiser.step()
+        optimiser.zero_grad()
+    with torch.no_grad():
+        states = policy.eval().read(steps, torch.ones(1, 50, dtype=torch.bool))
+        predicted = policy.modules_of(PICK).predict_time_to_goal(states)
+    assert (predicted - steps.items[TIME_TO_GOAL]).abs().mean() < 3
 
 
 def test_a_chunk_is_one_action(policy):
@@ -270,7 +344,7 @@ def test_windows_of_whole_episodes_give_the_loss_of_their_frames(policy, needle_
 
 def test_windows_train_a_policy_without_a_dataset_in_both_stages(two_task_policy, needle_pick_windows):
     two_task_policy.train()
-    assert list(two_task_policy.forward(needle_pick_windows)[1]) == ["action_loss"]
+    assert list(two_task_policy.forward(needle_pick_windows)[1]) == ["action_loss", "time_to_goal_loss"]
     two_task_policy.config.training_stage = "pretrain"
     loss, log = two_task_policy.forward(needle_pick_windows)
     assert len(log) == 4
@@ -361,14 +435,16 @@ def test_a_merged_dataset_gives_every_task_its_natural_sizes(pretraining):
     assert pretraining.modules_of(REACH).dynamics_head.out_features == 7
 
 
-def test_pretraining_logs_all_four_objectives_and_fine_tuning_one(pretraining):
+@pytest.mark.parametrize("dropout, tuned", [(1.0, 2), (0.0, 1)])
+def test_pretraining_logs_all_four_objectives_and_fine_tuning_those_it_acts_by(pretraining, dropout, tuned):
+    pretraining.config.time_to_goal_dropout = dropout
     batch = {"index": torch.arange(0, 250, 30)}
-    names = ["action_loss", "dynamics_loss", "time_to_goal_loss", "reconstruction_loss"]
+    names = ["action_loss", "time_to_goal_loss", "dynamics_loss", "reconstruction_loss"]
     loss, log = pretraining.forward(batch)
-    assert list(log) == names
+    assert sorted(log) == sorted(names)
     assert loss.item() == pytest.approx(log["action_loss"] + 0.1 * sum(log[name] for name in names[1:]), rel=1e-5)
     pretraining.config.training_stage = "finetune"
-    assert list(pretraining.forward(batch)[1]) == names[:1]
+    assert list(pretraining.forward(batch)[1]) == names[:tuned]
 
 
 @pytest.mark.parametrize("name", ["dynamics", "time_to_goal", "reconstruction"])
@@ -420,10 +496,12 @@ def test_tasks_whose_sentences_differ_in_punctuation_share_no_weights(tiny_confi
     assert policy.modules_of(0) is not policy.modules_of(1)
 
 
-def test_every_task_and_the_shared_weights_learn_from_one_batch(pretraining):
+@pytest.mark.parametrize("dropout, idle", [(0.0, []), (1.0, ["timestep_embedding.weight"])])
+def test_every_task_and_the_shared_weights_learn_from_one_batch(pretraining, dropout, idle):
+    pretraining.config.time_to_goal_dropout = dropout
     pretraining.forward({"index": torch.arange(0, 250, 10)})[0].backward()
     without = [name for name, parameter in pretraining.named_parameters() if parameter.grad is None]
-    assert without == []
+    assert without == idle
 
 
 def test_fine_tuning_starts_from_the_pretrained_weights_of_backbone_and_task(pretraining, needle_pick_meta, tmp_path):
@@ -434,7 +512,7 @@ def test_fine_tuning_starts_from_the_pretrained_weights_of_backbone_and_task(pre
     before, after = pretraining.state_dict(), tuned.state_dict()
     assert before.keys() == after.keys()
     assert all(torch.equal(value, after[key]) for key, value in before.items())
-    assert list(tuned.train().forward({"index": torch.tensor([0])})[1]) == ["action_loss"]
+    assert list(tuned.train().forward({"index": torch.tensor([0])})[1]) == ["action_loss", "time_to_goal_loss"]
 
 
 def test_a_checkpoint_without_a_head_names_it(pretraining, tmp_path):

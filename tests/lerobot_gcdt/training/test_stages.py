@@ -92,7 +92,9 @@ def test_a_training_goes_on_even_where_it_and_its_data_were_moved(trained, uneve
     train(tmp_path / uneven_root.name, tmp_path / "moved", stage="pretrain", steps=3)
     assert checkpoint(tmp_path / "moved").resolve().parent.name == "000003"
     assert checkpoint(trained / "pretrain").resolve().parent.name == "000002"
-    assert loss_curve(tmp_path / "moved").step.tolist() == [1, 2, 3]
+    curve = loss_curve(tmp_path / "moved")
+    assert curve.step.tolist() == [1, 2, 3]
+    assert 0 < curve.seconds[0] < curve.seconds[1] < curve.seconds[2]
 
 
 def test_steps_that_were_repeated_count_once_in_the_loss_curve(tmp_path):

@@ -105,7 +105,7 @@ def test_the_arms_start_in_front_of_the_board_without_touching_it(resets):
 # ----------------------------------------------------------------------------------------------------- what is observed
 
 
-@pytest.mark.parametrize("steps", [0, 35, 60])
+@pytest.mark.parametrize("steps", [0, 20, 35])
 def test_every_index_of_the_observation_holds_what_the_docstring_says(env, steps):
     expert = surrol_gym.make_expert(env)
     observation, _ = env.reset(seed=3)
@@ -341,7 +341,7 @@ def test_a_reset_lets_the_ring_go(env):
 
 def test_the_expert_puts_the_ring_around_the_peg_and_leaves_it_there(demonstrations):
     for episode in demonstrations("BiPegBoard"):
-        assert 55 <= episode.first <= 84  # the original: mean 73, 66 to 80; limits are 15 % from the mean
+        assert episode.first <= 50  # half of the time limit
         assert episode.holds
         assert episode.attached[-1] == [False, False]
         np.testing.assert_allclose(episode.actions[-1][[0, 1, 2, 3, 5, 6, 7, 8]], 0, rtol=0, atol=0.02)

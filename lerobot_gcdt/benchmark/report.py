@@ -1,0 +1,113 @@
+"""The table and the figure of a benchmark of learning, from its episodes."""
+
+from math import ceil
+from pathlib import Path
+
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure  # without pyplot: the backend of a notebook or a script stays as it is
+from matplotlib.ticker import LogLocator, NullFormatter
+
+from lerobot_gcdt.evaluation.statistics import trainings_interval
+
+FIGURES = ("held", "reached")
+COLOURS = ("#24557a", "#c0392b", "#1a7f5a", "#b8860b", "#6c3483", "#566573", "#ca6f9e", "#17202a")
+
+
+def write_report(episodes: pd.DataFrame, output: Path) -> None:
+    """Writes ``success.md`` and ``success.png`` into a folder.
+
+    Args:
+        episodes: Rows of ``lerobot_gcdt.benchmark.learning.benchmark``.
+        output: The folder.
+    """
+    rates = success_rates(episodes)
+    (output / "success.md").write_text(success_table(rates))
+    plot_success(rates, output / "success.png")
+
+
+def success_rates(episodes: pd.DataFrame) -> pd.DataFrame:
+    """Computes success rates with 95 % intervals (``lerobot_gcdt.evaluation.statistics.trainings_interval``).
+
+    Args:
+        episodes: Rows of ``lerobot_gcdt.benchmark.learning.benchmark``.
+
+    Returns:
+        A row for each ``task``, ``method`` and ``step``: number of ``trainings`` and of ``starts`` (the fewest of a
+        training), mean ``seconds``, and ``held`` and ``reached``, means over the trainings, with the bounds
+        ``held_low``, ``held_high``, ``reached_low`` and ``reached_high``.
+    """
+    rows = []
+    for (task, method, step), point in episodes.groupby(["task", "method", "step"], sort=False):
+        trainings = point.groupby("training_seed")
+        starts = int(trainings.size().min())
+        row = {"task": task, "method": method, "step": step, "trainings": len(trainings), "starts": starts}
+        row["seconds"] = trainings.seconds.first().mean()
+        for figure in FIGURES:
+            each = trainings[figure].mean()
+            row[figure] = each.mean()
+            row[f"{figure}_low"], row[f"{figure}_high"] = trainings_interval(each.tolist(), starts)
+        rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def success_table(rates: pd.DataFrame) -> str:
+    """Returns the success at the end of the trainings as Markdown.
+
+    Args:
+        rates: As ``success_rates`` returns them.
+    """
+    lines = [
+        "| task | method | trainings | starts | steps | seconds | reached | held |",
+        "| --- | --- | --- | --- | --- | --- | --- | --- |",
+    ]
+    for (task, method), points in rates.groupby(["task", "method"], sort=False):
+        end = points.loc[points.step.idxmax()]
+        counts = f"{end.trainings} | {end.starts} | {end.step} | {end.seconds:.0f}"
+        success = " | ".join(
+            f"{end[figure]:.2f} ({end[f'{figure}_low']:.2f}-{end[f'{figure}_high']:.2f})"
+            for figure in ("reached", "held")
+        )
+        lines.append(f"| {task} | {method} | {counts} | {success} |")
+    return "\n".join(lines) + "\n"
+
+
+def plot_success(rates: pd.DataFrame, path: Path) -> None:
+    """Plots success against seconds of training, a panel a task: lines for ``held``, dashes for ``reached``.
+
+    Args:
+        rates: As ``success_rates`` returns them.
+        path: The PNG file to write.
+    """
+    tasks = rates.task.unique()
+    colours = {method: COLOURS[i % len(COLOURS)] for i, method in enumerate(rates.method.unique())}
+    columns = min(len(tasks), 3)
+    rows = ceil(len(tasks) / columns)
+    figure = Figure(figsize=(1 + 4 * columns, 0.6 + 3.2 * rows), layout="constrained")
+    panels = figure.subplots(rows, columns, squeeze=False, sharey=True).flat
+    for task, axes in zip(tasks, panels, strict=False):
+        for method, colour in colours.items():
+            points = rates[(rates.task == task) & (rates.method == method)].sort_values("step")
+            _draw(axes, points, method, colour)
+        axes.set(title=task, xscale="log", ylim=(-0.02, 1.02))
+        axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axes.xaxis.set_major_formatter("{x:g}")
+        axes.xaxis.set_minor_formatter(NullFormatter())
+        axes.grid(alpha=0.3)
+    for axes in panels:  # left over
+        axes.set_axis_off()
+    figure.supxlabel("seconds of training (CPU time; wall time on a GPU)", fontsize=10)
+    figure.supylabel("success rate", fontsize=10)
+    figure.legend(
+        *figure.axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=len(colours), fontsize=9
+    )
+    figure.savefig(path, dpi=130)
+
+
+def _draw(axes: Axes, points: pd.DataFrame, method: str, colour: str) -> None:
+    for figure, dashes, strength in (("held", "-", 0.22), ("reached", "--", 0.1)):
+        axes.plot(
+            points.seconds, points[figure], dashes, color=colour, marker="o", markersize=3, label=f"{method} {figure}"
+        )
+        low, high = points[f"{figure}_low"], points[f"{figure}_high"]
+        axes.fill_between(points.seconds, low, high, color=colour, alpha=strength, linewidth=0)

@@ -1,0 +1,119 @@
+"""Imperfect sensors: what is shown is noisy, missed or late; rewards and experts go by the truth."""
+
+from collections import deque
+from typing import TYPE_CHECKING, Any
+
+import gymnasium as gym
+import numpy as np
+
+from surrol_gym.quantities import Quantity
+
+if TYPE_CHECKING:
+    from surrol_gym.envs.goal_env import GoalEnv
+
+SENSORS = 2
+"""Tells the random stream of an episode's sensors from that of its start, which the seed alone makes."""
+
+
+PERFECT = {"position_std": 0.0, "angle_std": 0.0, "dropout": 0.0, "delay": 0}
+"""Arguments of sensors that show the truth."""
+
+
+class ImperfectSensors(gym.Wrapper, gym.utils.RecordConstructorArgs):
+    """Shows the observations of a task as imperfect sensors would see them.
+
+    Positions and angles, those of the jaws among them, get Gaussian noise, new in every step. Every point and every set
+    of angles is measured by itself, but what is measured once has one noise: a relative position is the difference of
+    two shown ones, and an achieved goal that is observed, too, is the same in both places. Desired goals, wherever they
+    stand, and classes are exact. Angles may leave [-pi, pi], so noise makes none jump by a whole turn.
+
+    A reading is a whole observation, pictures with it. One that is missed is replaced by the one before it; the first
+    of an episode is never missed. With a delay, the first is shown until later ones arrive.
+
+    Rewards, ``is_success`` and the episode itself are what they are without the wrapper. ``info`` also holds
+    ``true_observation``, without noise, loss and delay, from which the expert acts:
+    ``expert.act(info["true_observation"])``.
+
+    Everything random comes from a generator of the wrapper's own, made by ``reset(seed=seed)``: the same seed gives the
+    same noise in any process, scaled by the standard deviations. Without a seed the generator goes on.
+
+    Args:
+        env: An environment of ``surrol_gym``, wrapped or not.
+        position_std: Standard deviation of the noise of each coordinate, su.
+        angle_std: Standard deviation of the noise of each angle, radians.
+        dropout: Probability that a step's reading is missed, in [0, 1].
+        delay: Steps by which what is shown lags.
+
+    Raises:
+        TypeError: The environment does not say what its numbers are.
+        ValueError: An argument is out of range.
+    """
+
+    unwrapped: "GoalEnv"  # imported for the type only: PyBullet is loaded with the environment
+
+    def __init__(
+        self,
+        env: gym.Env,
+        position_std: float = 0.0,
+        angle_std: float = 0.0,
+        dropout: float = 0.0,
+        delay: int = 0,
+    ):
+        for name, std in (("position_std", position_std), ("angle_std", angle_std)):
+            if not 0 <= std < np.inf:
+                raise ValueError(f"{name} must be a finite number from 0 on, got {std}.")
+        if not 0 <= dropout <= 1:
+            raise ValueError(f"dropout is a probability, in [0, 1]; got {dropout}.")
+        if not isinstance(delay, int | np.integer) or delay < 0:
+            raise ValueError(f"delay must be a whole number of steps from 0 on, got {delay!r}.")
+        gym.utils.RecordConstructorArgs.__init__(
+            self, position_std=position_std, angle_std=angle_std, dropout=dropout, delay=delay
+        )
+        gym.Wrapper.__init__(self, env)
+        task = self.unwrapped
+        if not getattr(task, "observation_quantities", ()):
+            raise TypeError(f"{env} does not say what its numbers are; sensors take environments of surrol_gym.")
+        self._arrays = {"observation": task.observation_quantities, "achieved_goal": task.goal_quantities}
+        quantities = {quantity.key: quantity for quantity in (*task.goal_quantities, *task.observation_quantities)}
+        self._derived = {key: quantity.derived_from for key, quantity in quantities.items() if quantity.derived_from}
+        goals, of_unit = set(task.goal_names), {"su": position_std, "rad": angle_std}
+
+        def std_of(quantity: Quantity) -> float:
+            return 0.0 if goals.issuperset(quantity.names) else of_unit.get(quantity.unit, 0.0)
+
+        self._std = {
+            key: np.full(len(quantity.names), std_of(quantity))
+            for key, quantity in quantities.items()
+            if not quantity.derived_from
+        }
+        self._dropout = dropout
+        self._rng = np.random.default_rng()
+        self._readings: deque[dict[str, Any]] = deque(maxlen=delay + 1)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Starts an episode; see ``gymnasium.Env.reset``. A seed also starts the noise anew."""
+        observation, info = self.env.reset(seed=seed, options=options)
+        if seed is not None:
+            self._rng = np.random.default_rng([seed, SENSORS])
+        self._readings.clear()
+        self._readings.append(self._measure(observation))
+        return self._readings[0], info | {"true_observation": observation}
+
+    def step(self, action: Any) -> tuple[dict[str, Any], Any, bool, bool, dict[str, Any]]:
+        """Steps the environment; see ``gymnasium.Env.step``."""
+        observation, reward, terminated, truncated, info = self.env.step(action)
+        reading, missed = self._measure(observation), self._rng.random() < self._dropout
+        self._readings.append(self._readings[-1] if missed else reading)
+        return self._readings[0], reward, terminated, truncated, info | {"true_observation": observation}
+
+    def _measure(self, observation: dict[str, Any]) -> dict[str, Any]:
+        """Returns an observation with noise. As many numbers are drawn whatever the standard deviations are."""
+        noise = {key: std * self._rng.standard_normal(len(std)) for key, std in self._std.items()}
+        for key, (first, *second) in self._derived.items():
+            noise[key] = noise[first] - noise[second[0]] if second else noise[first]
+        return observation | {
+            array: np.float32(observation[array] + np.concatenate([noise[quantity.key] for quantity in quantities]))
+            for array, quantities in self._arrays.items()
+        }

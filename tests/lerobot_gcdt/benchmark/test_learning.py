@@ -1,0 +1,199 @@
+"""A benchmark of learning: every cell trained and evaluated once, alike, and nothing lost by an interruption."""
+
+import shutil
+
+import pandas as pd
+import pytest
+
+from lerobot_gcdt.benchmark import learning
+from lerobot_gcdt.benchmark.learning import benchmark, parse_method
+
+STARTS = range(20_000, 20_002)
+SMALL = "small=gcdt --policy.layers=1 --policy.width=16 --policy.heads=2 --policy.inner_width=16 --steps=2"
+
+
+@pytest.fixture(scope="module")
+def datasets(needle_reach_root, needle_pick_root, tmp_path_factory):
+    """Folder of two datasets, named as the published ones."""
+    folder = tmp_path_factory.mktemp("benchmark") / "datasets"
+    for root in (needle_reach_root, needle_pick_root):
+        shutil.copytree(root, folder / f"surrol_{root.name}")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def whole(datasets, command):
+    """The folder and the episodes of two cells that were really trained, of four steps and of two."""
+    output, given = datasets.parent / "whole", []
+    methods = {"methods": ["bc", SMALL], "steps": 4, "points": 2, "options": ["--policy.device=cpu"]}
+    command(lambda: given.append(benchmark(datasets, output, ["NeedleReach"], seeds=[5], starts=STARTS, **methods)))
+    return output, given[0]
+
+
+@pytest.fixture
+def asked(monkeypatch):
+    """The trainings asked for, folder and arguments; nothing is trained or drawn, and every episode succeeds."""
+    calls = []
+
+    def train(dataset, folder, policy, stage, steps, options):
+        calls.append((dataset, folder, policy, stage, steps, options))
+
+    def evaluate_checkpoint(checkpoint, tasks, seeds):
+        return pd.DataFrame({"task": tasks[0], "seed": seeds, "reached": True, "held": True, "steps": 9.0})
+
+    monkeypatch.setattr(learning, "train", train)
+    monkeypatch.setattr(learning, "evaluate_checkpoint", evaluate_checkpoint)
+    monkeypatch.setattr(learning, "training_seconds", lambda folder, step: float(step))
+    monkeypatch.setattr(learning, "write_report", lambda episodes, output: None)
+    return calls
+
+
+def cells(asked, output):
+    return [folder.relative_to(output).as_posix() for _, folder, *_ in asked]
+
+
+# What is measured.
+
+
+def test_every_checkpoint_is_evaluated_from_the_same_starts(whole):
+    _, episodes = whole
+    columns = ["method", "task", "training_seed", "step", "seconds", "seed", "reached", "held", "steps"]
+    assert list(episodes.columns) == columns
+    rows = episodes[["method", "step", "seed"]].itertuples(index=False)
+    points = [("bc", 2), ("bc", 4), ("small", 1), ("small", 2)]
+    assert sorted(map(tuple, rows)) == [(*point, seed) for point in points for seed in STARTS]
+    assert set(episodes.training_seed) == {5} and set(episodes.task) == {"NeedleReach"}
+
+
+def test_seconds_increase_along_a_training(whole):
+    seconds = whole[1].groupby(["method", "step"]).seconds.agg(["min", "max"])
+    assert (seconds["min"] == seconds["max"]).all()
+    for _, of_one in seconds["min"].groupby("method"):
+        assert of_one.iloc[0] > 0 and of_one.diff().iloc[1] > 0
+
+
+def test_the_results_lie_in_the_output_folder(whole):
+    output, episodes = whole
+    kept = pd.read_parquet(output / "episodes.parquet")
+    pd.testing.assert_frame_equal(kept, episodes, check_like=True)
+    assert "| NeedleReach | small | 1 | 2 | 2 |" in (output / "success.md").read_text()
+    assert (output / "success.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_cells_differ_in_nothing_but_method_task_and_seed(datasets, tmp_path, asked):
+    methods = ["bc", "short=bc --steps=400 --policy.frames_per_sample=9"]
+    benchmark(datasets, tmp_path, ["NeedleReach"], methods, [7], steps=1000, starts=STARTS, options=["--batch_size=2"])
+    root, common = datasets / "surrol_needle_reach", ["--batch_size=2"]
+    ends = ["--seed=7", "--save_freq=250", "--log_freq=25"], ["--seed=7", "--save_freq=100", "--log_freq=5"]
+    own = [*common, "--policy.frames_per_sample=9"]
+    assert asked == [
+        (root, tmp_path / "bc/NeedleReach/7", "bc", "scratch", 1000, [*common, *ends[0]]),
+        (root, tmp_path / "short/NeedleReach/7", "bc", "scratch", 400, [*own, *ends[1]]),
+    ]
+
+
+def test_all_cells_of_the_first_seed_come_first(datasets, tmp_path, asked):
+    benchmark(datasets, tmp_path, ["NeedleReach", "NeedlePick"], ["bc", "gcdt"], [0, 1], starts=STARTS)
+    first = ["bc/NeedleReach/0", "gcdt/NeedleReach/0", "bc/NeedlePick/0", "gcdt/NeedlePick/0"]
+    assert cells(asked, tmp_path) == first + [cell.replace("/0", "/1") for cell in first]
+
+
+# Going on.
+
+
+def test_finished_cells_are_not_repeated_even_without_their_checkpoints(whole, datasets, asked, tmp_path):
+    output = tmp_path / "again"
+    shutil.copytree(whole[0], output, ignore=shutil.ignore_patterns("checkpoints"))
+    methods = {"methods": ["bc", SMALL], "steps": 4, "points": 2, "options": ["--policy.device=cpu"]}
+    again = benchmark(datasets, output, ["NeedleReach"], seeds=[5], starts=STARTS, **methods)
+    assert not asked
+    pd.testing.assert_frame_equal(again, whole[1])
+
+
+def test_an_interrupted_benchmark_goes_on_with_the_cell_that_it_was_at(datasets, tmp_path, asked, monkeypatch):
+    command = {"tasks": ["NeedleReach"], "methods": ["bc"], "seeds": [0, 1, 2], "starts": STARTS}
+    whole, fake = [], learning.train
+
+    def interrupted(dataset, folder, *arguments, **options):
+        if folder.name == "1":
+            raise KeyboardInterrupt
+        whole.append(folder.name)
+
+    monkeypatch.setattr(learning, "train", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        benchmark(datasets, tmp_path, **command)
+    assert whole == ["0"] and set(pd.read_parquet(tmp_path / "episodes.parquet").training_seed) == {0}
+    monkeypatch.setattr(learning, "train", fake)
+    assert set(benchmark(datasets, tmp_path, **command).training_seed) == {0, 1, 2}
+    assert cells(asked, tmp_path) == ["bc/NeedleReach/1", "bc/NeedleReach/2"]
+
+
+def test_further_cells_and_starts_are_added_to_what_there_is(datasets, tmp_path, asked):
+    benchmark(datasets, tmp_path, ["NeedleReach"], ["bc"], [0], starts=STARTS)
+    benchmark(datasets, tmp_path, ["NeedleReach"], ["gcdt"], [0], starts=STARTS)
+    given = benchmark(datasets, tmp_path, ["NeedleReach"], ["bc"], [0], starts=range(20_000, 20_003))
+    assert cells(asked, tmp_path) == ["bc/NeedleReach/0", "gcdt/NeedleReach/0", "bc/NeedleReach/0"]
+    assert set(given.method) == {"bc"} and len(given) == 4 * 3
+    kept = pd.read_parquet(tmp_path / "episodes.parquet")
+    assert kept.groupby("method").size().to_dict() == {"bc": 4 * 3, "gcdt": 4 * 2}
+    assert not kept.duplicated(learning.EPISODE).any()
+
+
+def test_a_name_never_comes_to_stand_for_another_method(datasets, tmp_path, asked):
+    benchmark(datasets, tmp_path, ["NeedleReach"], ["mine=bc --steps=8"], [0], starts=STARTS)
+    for other in ("mine=gcdt --steps=8", "mine=bc --steps=4", "mine=bc --steps=8 --batch_size=2"):
+        with pytest.raises(ValueError, match="mine holds the method .*; choose another name"):
+            benchmark(datasets, tmp_path, ["NeedleReach"], ["bc", other], [0], starts=STARTS)
+    assert len(asked) == 1 and not (tmp_path / "bc").exists()
+
+
+# Methods.
+
+
+def test_a_method_is_a_type_or_a_name_and_what_it_stands_for():
+    assert parse_method("bc", 4) == ("bc", "bc", 15_000, 4, ())
+    long = parse_method("long=gcdt --policy.context_length=100 --steps=8", 2, 9, ["--batch_size=2"])
+    assert long == ("long", "gcdt", 8, 2, ("--batch_size=2", "--policy.context_length=100"))
+    assert list(long.checkpoints) == [4, 8]
+
+
+# Bad input.
+
+
+@pytest.mark.parametrize(
+    ("changed", "told"),
+    [
+        ({"methods": ["bc", "gdct"], "steps": 4}, "Unknown policy type 'gdct'; choose one of act, bc"),
+        ({"methods": ["../bc=bc"]}, "'../bc=bc' is no method; write .* such as gcdt"),
+        ({"methods": [""]}, "'' is no method"),
+        ({"methods": ["bc", "bc"]}, "at least one method, each once"),
+        ({"methods": ["act"]}, "type act .* --steps"),
+        ({"methods": ["bc=bc --steps=many"]}, "The method bc has --steps=many"),
+        ({"methods": ["wide=bc --policy.width=9"]}, "method wide: .*`width` are not valid for BCConfig"),
+        ({"methods": ["wide=bc policy.width=9"]}, "method wide: unrecognized arguments: policy.width=9"),
+        ({"tasks": ["NeedleReach", "NeedleSew"]}, "Unknown task 'NeedleSew'; choose one of NeedleReach"),
+        ({"tasks": ["NeedleReach", "NeedleReach-v0"]}, "at least one task, each once"),
+        ({"tasks": ["NeedleReach", "MatchBoard"]}, "gcdt record --task MatchBoard --root .*surrol_match_board"),
+        ({"seeds": [0, -1]}, "at least one seed, .* no negative one; got .*-1"),
+        ({"seeds": []}, "at least one seed"),
+        ({"starts": range(0)}, "seeds from 0 on"),
+        ({"steps": 0}, "positive, got 0"),
+        ({"steps": 10, "points": 4}, "10 steps of the method bc cannot be divided into 4 equal parts"),
+        ({"points": 0}, "divided into 0"),
+    ],
+    ids=lambda value: str(value) if isinstance(value, dict) else "",
+)
+def test_a_bad_request_is_told_before_anything_is_written(datasets, tmp_path, asked, changed, told):
+    request = {"tasks": ["NeedleReach"], "methods": ["bc"], "seeds": [0], "starts": STARTS} | changed
+    with pytest.raises((ValueError, FileNotFoundError), match=told) as error:
+        benchmark(datasets, tmp_path / "new", **request)
+    assert "\n" not in str(error.value)
+    assert not asked and not list(tmp_path.iterdir())
+
+
+def test_a_folder_with_something_else_is_left_alone(datasets, tmp_path, asked):
+    (tmp_path / "bc").mkdir()
+    (tmp_path / "bc/thesis.txt").write_text("ten years of work")
+    with pytest.raises(ValueError, match="bc exists and is no method of a benchmark; choose another --output"):
+        benchmark(datasets, tmp_path, ["NeedleReach"], ["bc"], [0], starts=STARTS)
+    assert [file.name for file in tmp_path.rglob("*")] == ["bc", "thesis.txt"] and not asked

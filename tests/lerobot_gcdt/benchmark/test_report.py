@@ -1,0 +1,71 @@
+"""The table and the figure say what the episodes say."""
+
+import itertools
+
+import pandas as pd
+import pytest
+
+from lerobot_gcdt.benchmark.report import plot_success, success_rates, success_table
+from lerobot_gcdt.evaluation.statistics import trainings_interval, wilson_interval
+
+SUCCESSES = {("bc", 0): (4, 10), ("bc", 1): (6, 16), ("gcdt", 0): (5, 15)}
+"""Of 20 episodes of each training, half way and at its end; one fewer is held."""
+
+
+@pytest.fixture(scope="module")
+def rates():
+    rows = []
+    for ((method, training), successes), task in itertools.product(SUCCESSES.items(), ["NeedlePick", "PegTransfer"]):
+        for step, of_20 in zip((50, 100), successes, strict=True):
+            facts = {"method": method, "task": task, "training_seed": training, "step": step}
+            facts["seconds"] = step * (2 if training else 1)
+            rows += [
+                facts | {"seed": seed, "reached": seed < of_20, "held": seed < of_20 - 1, "steps": 9.0}
+                for seed in range(20)
+            ]
+    return success_rates(pd.DataFrame(rows))
+
+
+def point(rates, method, step):
+    [(_, row)] = rates[(rates.task == "NeedlePick") & (rates.method == method) & (rates.step == step)].iterrows()
+    return row
+
+
+def test_there_is_a_point_for_each_task_method_and_step(rates):
+    points = itertools.product(["NeedlePick", "PegTransfer"], ["bc", "gcdt"], [50, 100])
+    assert sorted(rates[["task", "method", "step"]].itertuples(index=False, name=None)) == sorted(points)
+
+
+def test_a_point_is_the_mean_of_the_trainings(rates):
+    row = point(rates, "bc", 100)
+    assert (row.trainings, row.starts, row.seconds) == (2, 20, 150)
+    assert (row.reached, row.held) == pytest.approx((13 / 20, 12 / 20))
+    assert (row.reached_low, row.reached_high) == trainings_interval([10 / 20, 16 / 20], 20)
+
+
+def test_a_single_training_has_wilsons_interval(rates):
+    row = point(rates, "gcdt", 50)
+    assert (row.reached_low, row.reached_high) == pytest.approx(wilson_interval(5, 20))
+    assert (row.held_low, row.held_high) == pytest.approx(wilson_interval(4, 20))
+
+
+def test_the_table_tells_the_end_of_the_trainings(rates):
+    header, _, *lines = success_table(rates).splitlines()
+    assert header == "| task | method | trainings | starts | steps | seconds | reached | held |"
+    low, high = wilson_interval(14, 20)
+    assert f"| NeedlePick | gcdt | 1 | 20 | 100 | 100 | 0.75 (0.53-0.89) | 0.70 ({low:.2f}-{high:.2f}) |" in lines
+    assert len(lines) == 4
+
+
+def test_the_figure_has_a_panel_for_each_task(rates, tmp_path, monkeypatch):
+    drawn = []
+    monkeypatch.setattr("matplotlib.figure.Figure.savefig", lambda figure, *_, **__: drawn.append(figure))
+    plot_success(rates, tmp_path / "success.png")
+    [figure] = drawn
+    assert [axes.get_title() for axes in figure.axes] == ["NeedlePick", "PegTransfer"]
+    for axes in figure.axes:
+        assert axes.get_xscale() == "log"
+        lines = {line.get_label(): line.get_xydata().tolist() for line in axes.lines}
+        assert lines["bc reached"] == [[75, pytest.approx(0.25)], [150, pytest.approx(0.65)]]
+        assert set(lines) == {"bc held", "bc reached", "gcdt held", "gcdt reached"}
+        assert len(axes.collections) == len(lines), "every line has the band of its intervals"
