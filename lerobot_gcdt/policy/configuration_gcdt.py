@@ -37,8 +37,9 @@ class GCDTConfig(SingleFrames):
             once as a cut and, in place of its first frame, the demonstration itself.
         relative_goal: Whether a goal token also holds what is left to the goal: desired minus achieved goal. False is
             the paper's.
-        one_token: Whether the items of a step are joined into one token, and past actions left out. That costs a
-            quarter of the paper's way, a token an item, and less with a longer context.
+        one_token: Whether the items of a step are joined into one token, past actions left out, and neither tokens nor
+            last states layer-normalised. That costs a quarter of the paper's way, a token an item, and less with a
+            longer context.
         time_to_goal_dropout: Share of the training pieces whose time-to-goal is hidden, of those with their own goal;
             the policy learns to predict it there. 1: it is hidden at test time, too. Between 0 and 1: the policy then
             acts on its own prediction. 0 is the paper's: it is always given, counts down from ``expected_steps`` at
@@ -68,14 +69,14 @@ class GCDTConfig(SingleFrames):
             rate constant, as in the paper.
     """
 
-    layers: int = 8
+    layers: int = 4
     heads: int = 4
-    width: int = 128
-    inner_width: int = 512
+    width: int = 192
+    inner_width: int = 768
     dropout: float = 0.0
     context_length: int = 1
     max_timesteps: int = 100
-    hindsight_ratio: float = 0.5
+    hindsight_ratio: float = 0.0
     relative_goal: bool = True
     one_token: bool = True
     time_to_goal_dropout: float = 1.0

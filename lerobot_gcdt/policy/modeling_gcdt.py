@@ -98,7 +98,8 @@ class GCDTPolicy(PreTrainedPolicy):
         """Stand in the place of hidden items, one for each kind; as large as tokens, which are layer-normalised."""
         self.timestep_embedding = nn.Embedding(config.max_timesteps, config.width)
         nn.init.normal_(self.timestep_embedding.weight, std=0.02)
-        self.transformer = Transformer(config.layers, config.heads, config.width, config.inner_width, config.dropout)
+        sizes = config.layers, config.heads, config.width, config.inner_width
+        self.transformer = Transformer(*sizes, config.dropout, normalised=not config.one_token)
         for i, task in enumerate(dataset_tasks):
             # Goals and times are standardised as training sees them, relabelled.
             pieces = self.bank.pieces(self.bank.training_starts(i), 1)
@@ -302,8 +303,7 @@ class GCDTPolicy(PreTrainedPolicy):
     @classmethod
     def _load_as_safetensor(cls, model: "GCDTPolicy", model_file: str, map_location: str, strict: bool) -> "GCDTPolicy":
         if "one_token" not in json.loads(Path(model_file).with_name("config.json").read_text()):
-            # From before there were these options.
-            model.config.one_token, model.config.time_to_goal_dropout = False, 0.0
+            model._become_older()
         with safe_open(model_file, "pt") as file:
             saved = set(file.keys())
         own = set(model.state_dict())
@@ -329,6 +329,14 @@ class GCDTPolicy(PreTrainedPolicy):
             f"width={config.width}, task_dims={config.task_dims}): {problem}"
         )
 
+    def _become_older(self) -> None:
+        """Turns a policy that was just made into one from before a step could be one token."""
+        self.config.one_token, self.config.time_to_goal_dropout = False, 0.0
+        self.transformer.norm = nn.LayerNorm(self.config.width)
+        for modules in self.tasks.values():
+            for tokenizer in cast(TaskModules, modules).tokenizers.values():
+                tokenizer.norm = nn.LayerNorm(self.config.width)
+
     def _read_dataset(self, meta: LeRobotDatasetMetadata) -> list[str]:
         """Loads the trajectories and adds the dataset's tasks to the configuration; returns them by index."""
         self._bank = TrajectoryBank.of(meta, self.config.device)
@@ -353,7 +361,7 @@ class GCDTPolicy(PreTrainedPolicy):
         return self.bank.sequences(pieces, self.bank.draw_cuts(pieces, self.config.hindsight_ratio))
 
     def _make_modules(self, dims: list[int]) -> TaskModules:
-        modules = TaskModules(dims, self.config.width, self.config.relative_goal)
+        modules = TaskModules(dims, self.config.width, self.config.relative_goal, normalised=not self.config.one_token)
         for objective in self.config.objective_weights:
             for name, head in OBJECTIVES[objective].heads(dims, self.config.width).items():
                 modules.add_module(name, head)

@@ -16,22 +16,23 @@ ORDER = (TIME_TO_GOAL, GOAL, STATE, ACTION)
 
 
 class ItemTokenizer(nn.Module):
-    """Turns one kind of item into tokens: standardised, mapped linearly, layer-normalised.
+    """Turns one kind of item into tokens: standardised, mapped linearly, and layer-normalised if that is asked for.
 
     Args:
         size: Numbers in an item.
         width: Size of a token.
+        normalised: Whether tokens are layer-normalised.
     """
 
     mean: Tensor
     std: Tensor
 
-    def __init__(self, size: int, width: int):
+    def __init__(self, size: int, width: int, normalised: bool = True):
         super().__init__()
         self.register_buffer("mean", torch.zeros(size))
         self.register_buffer("std", torch.ones(size))
         self.linear = nn.Linear(size, width)
-        self.norm = nn.LayerNorm(width)
+        self.norm = nn.LayerNorm(width) if normalised else nn.Identity()
 
     def fit(self, items: Tensor) -> None:
         """Takes mean and standard deviation from items of shape (N, size)."""
@@ -57,16 +58,19 @@ class TaskModules(nn.Module):
         dims: Sizes of observation, goal and action.
         width: Size of a token.
         relative_goal: Whether goal tokens also hold what is left to the goal.
+        normalised: Whether tokens are layer-normalised.
     """
 
-    def __init__(self, dims: list[int], width: int, relative_goal: bool = True):
+    def __init__(self, dims: list[int], width: int, relative_goal: bool = True, normalised: bool = True):
         super().__init__()
         state, goal, action = dims
         self.goal_size = goal
         self.relative_goal = relative_goal
         goal_content = 2 * goal if relative_goal else goal
         sizes = {TIME_TO_GOAL: 1, GOAL: goal_content, STATE: state, ACTION: action}
-        self.tokenizers = nn.ModuleDict({kind_name(key): ItemTokenizer(size, width) for key, size in sizes.items()})
+        self.tokenizers = nn.ModuleDict(
+            {kind_name(key): ItemTokenizer(size, width, normalised) for key, size in sizes.items()}
+        )
         self.action_head = nn.Linear(width, action)
 
     def tokenize(self, key: str, items: dict[str, Tensor]) -> Tensor:

@@ -100,7 +100,7 @@ class Block(nn.Module):
 
 
 class Transformer(nn.Module):
-    """A stack of blocks and a last layer norm, initialised like GPT-2.
+    """A stack of blocks and, if that is asked for, a last layer norm, initialised like GPT-2.
 
     Args:
         layers: Number of blocks.
@@ -108,12 +108,15 @@ class Transformer(nn.Module):
         width: Size of a token.
         inner_width: Size of the perceptrons' hidden layer.
         dropout: Probability of dropping an attention weight or an output.
+        normalised: Whether there is a last layer norm.
     """
 
-    def __init__(self, layers: int, heads: int, width: int, inner_width: int, dropout: float = 0.0):
+    def __init__(
+        self, layers: int, heads: int, width: int, inner_width: int, dropout: float = 0.0, normalised: bool = True
+    ):
         super().__init__()
         self.blocks = nn.ModuleList(Block(width, inner_width, heads, dropout) for _ in range(layers))
-        self.norm = nn.LayerNorm(width)
+        self.norm = nn.LayerNorm(width) if normalised else nn.Identity()
         for name, parameter in self.named_parameters():
             if name.endswith("bias"):
                 nn.init.zeros_(parameter)
