@@ -102,7 +102,8 @@ class TaskModules(nn.Module):
     def predict_time_to_goal(self, hidden: Tensor) -> Tensor:
         """Maps hidden states that have not seen time-to-goal, shape (..., width), to it, steps, shape (..., 1)."""
         tokenizer = self._tokenizer(TIME_TO_GOAL)
-        return (self.time_to_goal_head(hidden) * tokenizer.std + tokenizer.mean).clamp(min=0.0)
+        standardised = self.get_submodule("time_to_goal_head")(hidden)
+        return (standardised * tokenizer.std + tokenizer.mean).clamp(min=0.0)
 
     def _tokenizer(self, key: str) -> ItemTokenizer:
         return cast(ItemTokenizer, self.tokenizers[kind_name(key)])
