@@ -107,7 +107,8 @@ def test_an_action_is_not_visible_to_its_own_prediction(paper_policy):
 
 
 @pytest.mark.parametrize("key", [STATE, GOAL, ACHIEVED_GOAL, TIME_TO_GOAL])
-def test_an_action_depends_on_what_is_known_at_its_step(policy, key):
+def test_an_action_depends_on_what_is_known_at_its_step(paper_policy, key):
+    policy = paper_policy
     sequences = whole(policy, 0)
     before = policy.predict_actions(sequences)
     sequences.items[key][:, 20] += 1

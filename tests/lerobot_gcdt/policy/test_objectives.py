@@ -32,7 +32,7 @@ def policy(request, tiny_config, needle_pick_meta):
     torch.manual_seed(0)
     tiny_config.relative_goal = request.param != "paper"
     tiny_config.one_token = request.param == "one_token"
-    tiny_config.time_to_goal_dropout = 0.5 if request.param == "one_token" else 0.0
+    tiny_config.time_to_goal_dropout = 1.0 if request.param == "one_token" else 0.0
     return GCDTPolicy(tiny_config, dataset_meta=needle_pick_meta)
 
 
