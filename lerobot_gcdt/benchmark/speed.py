@@ -57,7 +57,7 @@ def measure(root: Path, device: str, context_length: int, rounds: int = 10) -> l
     optimizer = torch.optim.AdamW(policy.get_optim_params(), lr=1e-4)
     index = torch.randint(len(policy.bank), (BATCH,), generator=torch.Generator().manual_seed(0))
     sequences = policy._draw(index.to(device), context_length)
-    kinds = len(ORDER) if context_length > 1 else len(ORDER) - 1
+    kinds = 1 if config.one_token else len(ORDER) if context_length > 1 else len(ORDER) - 1
     r, s = sequences.segment.shape
     mask = policy._attention_mask(sequences, kinds, context_length, causal=True)
 

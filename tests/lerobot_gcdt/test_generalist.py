@@ -29,7 +29,7 @@ def test_it_knows_every_task_by_its_sentence(generalist, task):
     assert generalist.config.task_dims[env.task_description] == sizes
 
 
-@pytest.mark.parametrize("task", ["NeedleReach", "PegTransfer", "BiPegBoard", "MatchBoard"])
+@pytest.mark.parametrize("task", ["NeedleReach", "PegTransfer", "BiPegBoard"])
 def test_it_succeeds_in_most_episodes(generalist, task):
     assert evaluate(generalist, [task], range(8)).held.sum() >= 6
 
