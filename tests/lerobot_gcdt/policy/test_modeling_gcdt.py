@@ -175,7 +175,7 @@ def test_the_cached_rollout_equals_the_full_forward_pass(
     with torch.no_grad():
         states = policy.read(sequences, torch.full((1, 50), dropout == 1))
         full = policy.predict_actions(sequences, states)
-    torch.testing.assert_close(sequences.items[ACTION], full, atol=1e-5, rtol=1e-5)
+    torch.testing.assert_close(sequences.items[ACTION], full, atol=1e-4, rtol=0)
 
 
 def test_the_batch_size_changes_nothing(policy):
@@ -185,7 +185,7 @@ def test_the_batch_size_changes_nothing(policy):
     for row in range(5):
         policy.reset()
         alone = [policy.select_action(rows(batch, slice(row, row + 1))) for batch in batches]
-        torch.testing.assert_close(together[:, row : row + 1], torch.stack(alone), atol=1e-6, rtol=1e-5)
+        torch.testing.assert_close(together[:, row : row + 1], torch.stack(alone), atol=1e-4, rtol=0)
 
 
 def test_reset_forgets_the_episode(policy):
