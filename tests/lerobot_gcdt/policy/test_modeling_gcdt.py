@@ -123,7 +123,7 @@ def test_other_trajectories_of_the_row_change_nothing(policy):
     for i in range(4):
         cut = cuts[i : i + 1]
         alone = policy.predict_actions(policy._bank.sequences(policy._bank.pieces(cut, 50), cut))
-        torch.testing.assert_close(packed[sequences.segment == i], alone[0], atol=1e-6, rtol=1e-5)
+        torch.testing.assert_close(packed[sequences.segment == i], alone[0], atol=1e-4, rtol=0)
 
 
 def test_steps_beyond_the_context_length_are_out_of_sight(tiny_config, needle_pick_meta):
@@ -278,8 +278,8 @@ def test_tasks_mix_within_a_batch(two_task_policy):
     two_task_policy.reset()
     reach = two_task_policy.select_action(rows(batch, slice(1, 2)) | {STATE: state[1:, :7], "task": [REACH]})
     assert mixed.shape == (2, 5) and reach.shape == (1, 4)
-    torch.testing.assert_close(mixed[:1], pick, atol=1e-6, rtol=1e-5)
-    torch.testing.assert_close(mixed[1:, :4], reach, atol=1e-6, rtol=1e-5)
+    torch.testing.assert_close(mixed[:1], pick, atol=1e-4, rtol=0)
+    torch.testing.assert_close(mixed[1:, :4], reach, atol=1e-4, rtol=0)
     assert mixed[1, 4] == 0
 
 
