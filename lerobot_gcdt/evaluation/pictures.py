@@ -100,7 +100,7 @@ def plot_training(curve: pd.DataFrame, path: str | Path) -> Path:
     figure = Figure(figsize=(6, 3.6), layout="constrained")
     axes = figure.subplots()
     axes.semilogy(curve.step, curve.loss, color="#24557a", marker="." if len(curve) < 100 else None)
-    axes.set(xlabel="optimiser step", ylabel="mean squared error of the action", title="Training")
+    axes.set(xlabel="optimiser step", ylabel="training loss", title="Training")
     axes.grid(alpha=0.3, which="both")
     return _save(figure, path)
 
