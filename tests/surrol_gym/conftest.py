@@ -68,6 +68,22 @@ def demonstrations():
     return demonstrations
 
 
+@pytest.fixture(scope="session")
+def grip():
+    """Lets the expert of a task with one arm close the jaws on its object; returns the last observation."""
+
+    def grip(env, seed=0):
+        expert = surrol_gym.make_expert(env)
+        observation, _ = env.reset(seed=seed)
+        action = expert.act(observation)
+        while action[4] > 0:
+            observation, *_ = env.step(action)
+            action = expert.act(observation)
+        return env.step(action)[0]
+
+    return grip
+
+
 @pytest.fixture
 def make():
     """Makes environments by the name of their task and closes them after the test."""

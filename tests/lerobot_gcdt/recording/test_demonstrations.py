@@ -552,22 +552,12 @@ def test_files_that_cannot_grow_keep_what_is_finished(reach_pair, tmp_path, larg
     assert files(root) == files(reach_pair)
 
 
-def test_finished_episodes_are_not_run_again(tmp_path, monkeypatch):
-    run_episode = demonstrations.run_episode
-    ran = []
-
-    def interrupted_in_the_second(env, seed, *options):
-        ran.append(seed)
-        if len(ran) == 2:
-            raise KeyboardInterrupt
-        return run_episode(env, seed, *options)
-
-    monkeypatch.setattr(demonstrations, "run_episode", interrupted_in_the_second)
+def test_finished_episodes_are_not_run_again(tmp_path, interrupted_in_the_second):
     with pytest.raises(KeyboardInterrupt):
         demonstrations.record("NeedleReach", 2, 0, tmp_path / "reach")
     assert not (tmp_path / "reach").exists()
     demonstrations.record("NeedleReach", 2, 0, tmp_path / "reach")
-    assert ran == [0, 1, 1]
+    assert interrupted_in_the_second == [0, 1, 1]
 
 
 def test_a_second_process_in_the_same_folder_is_refused_until_the_first_is_gone(reach_pair, tmp_path, at_work):

@@ -12,7 +12,7 @@ from lerobot.configs.types import FeatureType, NormalizationMode, PolicyFeature
 import surrol_gym
 from lerobot_gcdt import GCDTPolicy
 from lerobot_gcdt.data.columns import read_columns
-from lerobot_gcdt.recording import Learner, demonstrations, record
+from lerobot_gcdt.recording import Learner, record
 from lerobot_gcdt.recording.demonstrations import run_episode
 
 LIMIT = 50
@@ -161,21 +161,12 @@ def test_a_recording_tells_the_policy_and_the_mix_and_others_tell_none(tmp_path,
 # The same arguments, the same bytes.
 
 
-def test_an_interrupted_recording_goes_on_to_the_same_bytes(tmp_path, upwards, monkeypatch):
-    whole = record("NeedleReach", 2, 0, tmp_path / "whole", learner=Learner(upwards, "upwards", mix=0.5))
-    ran = []
-
-    def interrupted_in_the_second(env, seed, *options):
-        ran.append(seed)
-        if len(ran) == 2:
-            raise KeyboardInterrupt
-        return run_episode(env, seed, *options)
-
-    monkeypatch.setattr(demonstrations, "run_episode", interrupted_in_the_second)
+def test_an_interrupted_recording_goes_on_to_the_same_bytes(tmp_path, upwards, interrupted_in_the_second):
     with pytest.raises(KeyboardInterrupt):
         record("NeedleReach", 2, 0, tmp_path / "parts", learner=Learner(upwards, "upwards", mix=0.5))
     again = record("NeedleReach", 2, 0, tmp_path / "parts", learner=Learner(upwards, "upwards", mix=0.5))
-    assert ran == [0, 1, 1]
+    assert interrupted_in_the_second == [0, 1, 1]
+    whole = record("NeedleReach", 2, 0, tmp_path / "whole", learner=Learner(upwards, "upwards", mix=0.5))
     assert files(again) == files(whole)
 
 

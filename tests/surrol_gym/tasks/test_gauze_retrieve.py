@@ -46,17 +46,6 @@ def lift(env, height, seed=0):
     raise AssertionError("the gauze was not lifted")
 
 
-def grip(env, seed=0):
-    """Lets the expert close the jaws on the gauze; returns the last observation."""
-    expert = surrol_gym.make_expert(env)
-    observation, _ = env.reset(seed=seed)
-    action = expert.act(observation)
-    while action[4] > 0:
-        observation, *_ = env.step(action)
-        action = expert.act(observation)
-    return env.step(action)[0]
-
-
 # -------------------------------------------------------------------------------------------------------- how it starts
 
 
@@ -177,7 +166,7 @@ def test_the_expert_succeeds_in_time_and_holds_the_goal(demonstrations):
         assert episode.holds
 
 
-def test_the_expert_retries_a_missed_grasp(env):
+def test_the_expert_retries_a_missed_grasp(env, grip):
     """Without the gauze between them the jaws close on nothing; the expert opens them and starts again."""
     expert = surrol_gym.make_expert(env)
     grip(env)
@@ -194,7 +183,7 @@ def test_the_expert_retries_a_missed_grasp(env):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_the_gauze_is_attached_only_after_it_was_lifted_by_0_0125(env, seed):
+def test_the_gauze_is_attached_only_after_it_was_lifted_by_0_0125(env, grip, seed):
     """docs/grasping.md#the-rule; until then friction alone holds it."""
     rest = grip(env, seed)["achieved_goal"][2]
     history = []
@@ -234,7 +223,7 @@ def test_opening_the_jaws_releases_the_gauze_and_it_falls(env):
 
 
 @pytest.mark.parametrize("attached", [False, True], ids=["by friction", "attached"])
-def test_a_held_gauze_is_part_of_the_state(env, attached):
+def test_a_held_gauze_is_part_of_the_state(env, grip, attached):
     """The episode goes on from there as if never left, in this environment and in another."""
     if attached:
         lift(env, 0.1)

@@ -7,6 +7,8 @@ from surrol_gym.tasks.pick_and_place import POTS, PickAndPlaceEnv
 OPEN, CLOSE = 1.0, -1.0
 UPRIGHT = 3.4295
 """Height of the top of a jack that stands on the table."""
+SMALL_LIFT = np.array((0, 0, 0.16, 0, CLOSE))
+"""An action that lifts the tool by less than 0.01."""
 
 
 @pytest.fixture(scope="module")
@@ -44,18 +46,6 @@ def lift(env, height, seed=0):
         if observation["observation"][21] > rest + height:
             return observation
     raise AssertionError("the jack was not lifted")
-
-
-def grip(env, seed=0):
-    """Lets the expert close the jaws on the red jack, and lifts it by less than 0.01; returns the last observation."""
-    expert = surrol_gym.make_expert(env)
-    observation, _ = env.reset(seed=seed)
-    action = expert.act(observation)
-    while action[4] > 0:
-        observation, *_ = env.step(action)
-        action = expert.act(observation)
-    env.step(action)
-    return env.step(np.array((0, 0, 0.16, 0, CLOSE)))[0]
 
 
 # -------------------------------------------------------------------------------------------------------- how it starts
@@ -215,11 +205,12 @@ def test_opening_the_jaws_releases_the_jack_and_it_rights_itself(env):
 
 
 @pytest.mark.parametrize("attached", [False, True], ids=["by friction", "attached"])
-def test_a_held_jack_is_part_of_the_state(env, attached):
+def test_a_held_jack_is_part_of_the_state(env, grip, attached):
     if attached:
         lift(env, 0.04)
     else:
         grip(env)
+        env.step(SMALL_LIFT)
     assert env.grasps[0][0].attached == attached
     state = env.get_state()
     actions = np.random.default_rng(0).uniform(-0.3, 0.3, (10, 5))
