@@ -45,7 +45,8 @@ class GCDTConfig(SingleFrames):
             acts on its own prediction. 0 is the paper's: it is always given, counts down from ``expected_steps`` at
             test time, and tokens carry an embedding of their timestep, so that the policy acts by the clock
             (docs/differences.md).
-        training_stage: ``"pretrain"``: all four objectives, usually on many tasks; ``"finetune"``: actions only.
+        training_stage: ``"pretrain"``: all four objectives, usually on many tasks; ``"finetune"``: actions only, which
+            the head of a hidden time-to-goal learns beside, without a say in the transformer.
         dynamics_weight: Weight of the forward-dynamics objective in pretraining, beside 1 for the actions; 0 leaves it
             out.
         time_to_goal_weight: The same of time-to-goal prediction.

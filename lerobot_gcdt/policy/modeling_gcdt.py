@@ -166,7 +166,9 @@ class GCDTPolicy(PreTrainedPolicy):
             loss = mean_over_processes(errors)
             log = {"action_loss": loss.item()}
             if self.config.time_to_goal_dropout > 0 and self.config.time_to_goal_weight > 0:
-                of_time = time_to_goal_error(self, sequences, states, without_time & sequences.real)
+                # Time-to-goal is far harder to predict than actions; it would claim the transformer for itself.
+                seen = states if self.config.training_stage == "pretrain" else states.detach()
+                of_time = time_to_goal_error(self, sequences, seen, without_time & sequences.real)
                 loss = loss + self.config.time_to_goal_weight * of_time
                 log["time_to_goal_loss"] = of_time.item()
             if self.config.training_stage == "pretrain":

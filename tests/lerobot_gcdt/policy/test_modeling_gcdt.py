@@ -354,6 +354,20 @@ def test_windows_train_a_policy_without_a_dataset_in_both_stages(two_task_policy
     assert all(p.grad is not None for p in two_task_policy.modules_of(PICK).parameters())
 
 
+@pytest.mark.parametrize("stage, alone", [("finetune", True), ("pretrain", False)])
+def test_time_to_goal_shapes_the_transformer_in_pretraining_only(two_task_policy, needle_pick_windows, stage, alone):
+    config = two_task_policy.train().config
+    config.training_stage, config.dynamics_weight, config.reconstruction_weight = stage, 0.0, 0.0
+    gradients = []
+    for config.time_to_goal_weight in (0.1, 10.0):
+        two_task_policy.zero_grad()
+        two_task_policy.training_step.zero_()
+        two_task_policy.forward(needle_pick_windows)[0].backward()
+        assert two_task_policy.modules_of(PICK).time_to_goal_head.weight.grad.any()
+        gradients.append(two_task_policy.transformer.blocks[0].mlp[0].weight.grad)
+    assert torch.allclose(*gradients) == alone
+
+
 @pytest.mark.parametrize("key", [STATE, GOAL, TIME_TO_GOAL])
 def test_items_are_standardised_as_training_sees_them(policy, key):
     sequences = policy._draw(torch.arange(200), 1)
