@@ -6,6 +6,7 @@ episode; the table and the figure are drawn from nothing else.
 
 import json
 import shlex
+import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -29,6 +30,9 @@ SETTINGS_FILE = "method.json"
 CELL = ["method", "task", "training_seed"]
 EPISODE = [*CELL, "step", "seed"]
 """Columns that tell cells and episodes apart."""
+
+PROCESS = f"{shlex.quote(sys.executable)} -m"
+"""A training takes a process of its own, because a process keeps the precision of its first one."""
 
 STEPS, LOSSES = "--steps=", 80
 """How a method says its own steps; rows in the loss file of a training, at most."""
@@ -220,7 +224,7 @@ def _run(cell: Cell, dataset: Path, output: Path, starts: Sequence[int]) -> pd.D
     # A row of the loss file at each checkpoint, so that its seconds are known.
     row = min(n for n in range(min(every, max(1, method.steps // LOSSES)), every + 1) if every % n == 0)
     settings = [*method.options, f"--seed={cell.seed}", f"--save_freq={every}", f"--log_freq={row}"]
-    train(dataset, folder, method.policy, "scratch", steps=method.steps, options=settings)
+    train(dataset, folder, method.policy, "scratch", steps=method.steps, launcher=PROCESS, options=settings)
     points = []
     for step in method.checkpoints:
         checkpoint = get_step_checkpoint_dir(folder, method.steps, step) / "pretrained_model"

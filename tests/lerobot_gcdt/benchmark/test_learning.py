@@ -9,7 +9,10 @@ from lerobot_gcdt.benchmark import learning
 from lerobot_gcdt.benchmark.learning import benchmark, parse_method
 
 STARTS = range(20_000, 20_002)
-SMALL = "small=gcdt --policy.layers=1 --policy.width=16 --policy.heads=2 --policy.inner_width=16 --steps=2"
+SMALL = (
+    "small=gcdt --policy.layers=1 --policy.width=16 --policy.heads=2 --policy.inner_width=16 --steps=2 "
+    "--policy.dtype=bfloat16"  # the other one is trained in float32
+)
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +38,7 @@ def asked(monkeypatch):
     """The trainings asked for, folder and arguments; nothing is trained or drawn, and every episode succeeds."""
     calls = []
 
-    def train(dataset, folder, policy, stage, steps, options):
+    def train(dataset, folder, policy, stage, steps, launcher, options):
         calls.append((dataset, folder, policy, stage, steps, options))
 
     def evaluate_checkpoint(checkpoint, tasks, seeds):
