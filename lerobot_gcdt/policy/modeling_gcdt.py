@@ -1,7 +1,6 @@
 """The goal-conditioned decision transformer as a LeRobot policy (Fu et al., ICRA 2024, arXiv 2405.18757)."""
 
 import json
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
@@ -17,10 +16,11 @@ from lerobot_gcdt.data.task_layouts import task_layouts
 from lerobot_gcdt.data.trajectories import Sequences, TrajectoryBank, sizes_of
 from lerobot_gcdt.keys import ACHIEVED_GOAL, ACTION, GOAL, STATE, TIME_TO_GOAL
 from lerobot_gcdt.policy.configuration_gcdt import GCDTConfig
+from lerobot_gcdt.policy.history import History
 from lerobot_gcdt.policy.objectives import OBJECTIVES, action_errors, mean_over_processes, time_to_goal_error
 from lerobot_gcdt.policy.precision import faster_precision
 from lerobot_gcdt.policy.tokens import ORDER, TaskModules, module_names
-from lerobot_gcdt.policy.transformer import KeyValueCache, Transformer
+from lerobot_gcdt.policy.transformer import Transformer
 
 TOKENS = len(ORDER)
 """Tokens a step."""
@@ -30,25 +30,6 @@ _HIDE_TIME = 200
 
 NOW = ORDER[: ORDER.index(ACTION)]
 """Kinds of items of a step that are there before its action."""
-
-
-@dataclass
-class History:
-    """What the policy remembers of running episodes: keys and values of every layer, and the last actions."""
-
-    tasks: list[str]
-    caches: list[KeyValueCache]
-    token_step: Tensor
-    """Step of the token in each cache slot, shape (slots,)."""
-    tokens: int = 0
-    step: int = 0
-    last_action: Tensor | None = None
-
-    def forget(self, count: int) -> None:
-        """Forgets the last tokens."""
-        self.tokens -= count
-        for cache in self.caches:
-            cache.forget(count)
 
 
 class GCDTPolicy(PreTrainedPolicy):
@@ -266,8 +247,7 @@ class GCDTPolicy(PreTrainedPolicy):
         device = batch[STATE].device
         if self._history is None:
             slots = TOKENS * (self.config.context_length + 1)
-            caches = [KeyValueCache(slots) for _ in range(self.config.layers)]
-            self._history = History(tasks, caches, torch.zeros(slots, dtype=torch.long, device=device))
+            self._history = History(tasks, self.config.layers, slots, device)
         history = self._history
         if tasks != history.tasks:
             raise ValueError(
@@ -463,7 +443,7 @@ class GCDTPolicy(PreTrainedPolicy):
         if history.last_action is not None and self._sees_actions:
             acted = self._step_tokens(rows, (ACTION,), {ACTION: history.last_action}, history.step - 1)
             tokens, steps = torch.cat([acted, tokens], 1), [history.step - 1, *steps]
-        hidden = self.transformer(tokens, self._remember_tokens(history, steps), history.caches)
+        hidden = self.transformer(tokens, history.add(steps, self.config.context_length), history.caches)
         return hidden[:, -1], len(steps)
 
     def _step_tokens(
@@ -480,17 +460,6 @@ class GCDTPolicy(PreTrainedPolicy):
                     self.modules_of(task).tokenize(key, of_task) if known else self.hidden_tokens[ORDER.index(key)]
                 )
         return tokens
-
-    def _remember_tokens(self, history: History, steps: list[int]) -> Tensor:
-        """Notes the steps of new tokens; returns what they may attend to, booleans (1, 1, new tokens, kept tokens)."""
-        device = history.token_step.device
-        slots = (torch.arange(len(steps), device=device) + history.tokens) % len(history.token_step)
-        history.token_step[slots] = torch.tensor(steps, device=device)
-        history.tokens += len(steps)
-        kept = history.token_step[: history.tokens]
-        allowed = history.token_step[slots][:, None] - kept[None, :] < self.config.context_length
-        allowed[:, slots] &= torch.ones(len(steps), len(steps), dtype=torch.bool, device=device).tril()
-        return allowed[None, None]
 
     def _check_observation(self, batch: dict[str, Any]) -> list[str]:
         """Returns the task of each row after checking that the policy can act on the batch."""
