@@ -41,23 +41,36 @@ def film(
     Returns:
         Whether each episode ended in success.
     """
-    look = {"render_mode": "rgb_array", "width": size, "height": size}
     frames, ended_well = [], []
     for seed in tqdm(list(seeds), desc="Filming", unit="episode"):
-        pictures: list[np.ndarray] = []
-
-        def watch(envs: gym.vector.SyncVectorEnv, own: list = pictures) -> None:
-            own.append(envs.render()[0])
-
-        success, _ = rollout(policy, task, [seed], watch, sensors, **look)
-        succeeded = [False, *success[:, 0]]
-        captioned = [
-            _caption(picture, f"{task}, seed {seed}, step {t}", succeeded[t]) for t, picture in enumerate(pictures)
-        ]
+        captioned, succeeded = _episode(policy, task, seed, size, sensors)
         frames += [*captioned, *[captioned[-1]] * 5]
-        ended_well.append(bool(succeeded[-1]))
+        ended_well.append(succeeded)
     write_video(path, frames, fps=2 * GoalEnv.metadata["render_fps"])
     return ended_well
+
+
+def strips(policy: Any, task: str, seeds: Iterable[int], path: str | Path, columns: int = 6, size: int = 256) -> Path:
+    """Draws episodes as strips of pictures, one below the other, from the first step to the last.
+
+    Args:
+        policy: As ``lerobot_gcdt.evaluation.evaluate`` takes it.
+        task: Name of the task.
+        seeds: Seed of the reset of each episode.
+        path: The picture file to write, such as a PNG.
+        columns: Pictures an episode, evenly spaced in time.
+        size: Width and height of each, pixels.
+
+    Returns:
+        The path.
+    """
+    rows = []
+    for seed in tqdm(list(seeds), desc="Drawing", unit="episode"):
+        captioned, _ = _episode(policy, task, seed, size)
+        chosen = np.linspace(0, len(captioned) - 1, columns).round().astype(int)
+        rows.append(np.concatenate([captioned[t] for t in chosen], axis=1))
+    Image.fromarray(np.concatenate(rows)).save(path)
+    return Path(path)
 
 
 def halfway(task: str, width: int = 320, height: int = 240) -> Image.Image:
@@ -133,6 +146,20 @@ def plot_goals(episodes: pd.DataFrame, path: str | Path) -> Path:
     ranked.set(xlabel="episode, by distance", ylabel="distance from the goal at the end (su)", yscale="log")
     ranked.set_title("Distance at the end (1 su = 0.2 m)")
     return _save(figure, path)
+
+
+def _episode(
+    policy: Any, task: str, seed: int, size: int, sensors: Mapping[str, Any] | None = None
+) -> tuple[list[np.ndarray], bool]:
+    """Runs an episode; returns a captioned picture of every state, and whether it ended in success."""
+    look = {"render_mode": "rgb_array", "width": size, "height": size}
+    pictures: list[Any] = []
+    success, _ = rollout(policy, task, [seed], lambda envs: pictures.append(envs.render()[0]), sensors, **look)
+    succeeded = [False, *success[:, 0]]
+    captioned = [
+        _caption(picture, f"{task}, seed {seed}, step {t}", succeeded[t]) for t, picture in enumerate(pictures)
+    ]
+    return captioned, bool(succeeded[-1])
 
 
 def _caption(picture: np.ndarray, text: str, success: bool) -> np.ndarray:

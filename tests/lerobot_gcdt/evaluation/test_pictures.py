@@ -8,9 +8,10 @@ import numpy as np
 import pandas as pd
 import pytest
 import torch
+from PIL import Image
 
 from lerobot_gcdt.evaluation import pictures
-from lerobot_gcdt.evaluation.pictures import film
+from lerobot_gcdt.evaluation.pictures import film, strips
 
 
 class Still:
@@ -45,6 +46,15 @@ def test_a_film_shows_every_step_and_whether_the_goal_is_held(policy, held, tmp_
     bar = seen[:, -8:, -40:].mean((1, 2))  # red, green, blue
     is_green = bar[:, 1] > bar[:, 0] + 50
     assert not is_green[0] and is_green[50] == held
+
+
+def test_strips_go_from_the_first_step_of_each_episode_to_its_last(tmp_path):
+    path = strips(Straight(), "NeedleReach", [0, 1], tmp_path / "strips.png", columns=3, size=96)
+    strip = np.asarray(Image.open(path)).astype(int)
+    assert strip.shape == (2 * 96, 3 * 96, 3)
+    bars = strip[[92, 188], 90::96]  # below the right edge of each picture
+    is_green = bars[..., 1] > bars[..., 0] + 50
+    assert is_green.tolist() == [[False, True, True]] * 2
 
 
 def test_the_backend_of_a_notebook_stays_as_it_is(tmp_path, monkeypatch):
