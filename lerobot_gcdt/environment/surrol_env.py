@@ -14,6 +14,7 @@ from lerobot.processor.pipeline import ObservationProcessorStep, ProcessorStepRe
 from lerobot_gcdt.errors import OptionError
 from lerobot_gcdt.keys import ACHIEVED_GOAL, ACTION, ENVIRONMENT_STATE, GOAL, STATE, image_key
 from surrol_gym.registry import NAMESPACE, env_class, find_task
+from surrol_gym.wrappers import PERFECT, ImperfectSensors
 
 if TYPE_CHECKING:
     from surrol_gym.envs.psm_env import PSMEnv
@@ -77,6 +78,10 @@ class SurRoLEnvConfig(EnvConfig):
         cameras: Cameras that policies see as ``observation.images.<camera>``, separated by commas, as in
             ``gcdt record --cameras``.
         camera_size: Width and height of what they see, pixels.
+        position_std: Noise of what policies see, as ``surrol_gym.wrappers.ImperfectSensors`` takes it, su.
+        angle_std: The same of angles, radians.
+        dropout: Probability that they miss a step's reading.
+        delay: Steps by which what they see lags.
 
     Raises:
         OptionError: A task is not registered, or does not have one of ``cameras``.
@@ -91,6 +96,10 @@ class SurRoLEnvConfig(EnvConfig):
     height: int = 256
     cameras: str = ""
     camera_size: int = 128
+    position_std: float = 0.0
+    angle_std: float = 0.0
+    dropout: float = 0.0
+    delay: int = 0
 
     def __post_init__(self) -> None:
         for task in self._tasks():
@@ -158,7 +167,10 @@ class SurRoLEnvConfig(EnvConfig):
     def _create(self, env_id: str, n_envs: int, use_async_envs: bool) -> gym.vector.VectorEnv:
         def make() -> gym.Env:
             env = gym.make(env_id, disable_env_checker=True, **self.gym_kwargs)
-            return CameraPictures(env, self._cameras(), self.camera_size) if self.cameras else env
+            if self.cameras:
+                env = CameraPictures(env, self._cameras(), self.camera_size)
+            sensors = {name: getattr(self, name) for name in PERFECT}
+            return env if sensors == PERFECT else ImperfectSensors(env, **sensors)
 
         makers = [freeze_after_episode_end(make)] * n_envs
         mode = gym.vector.AutoresetMode.NEXT_STEP

@@ -173,6 +173,13 @@ def test_policies_see_the_pictures_that_recordings_hold(make):
     assert {key for key in batch if key.startswith("observation.")} == set(config.features) - {"action"}
 
 
+def test_policies_see_through_imperfect_sensors_that_are_asked_for(make):
+    exact = only(make(SurRoLEnvConfig(task="NeedleReach-v0"))).reset(seed=[3])[0]
+    noisy, info = only(make(SurRoLEnvConfig(task="NeedleReach-v0", position_std=0.05))).reset(seed=[3])
+    assert np.abs(noisy["observation"] - exact["observation"])[0, :3].max() > 0.001
+    np.testing.assert_array_equal(info["true_observation"]["observation"], exact["observation"])
+
+
 def test_the_task_sentence_passes_the_processors():
     observation = {key: np.zeros((1, 3), dtype=np.float32) for key in ("observation", "achieved_goal", "desired_goal")}
     preprocessor, _ = SurRoLEnvConfig().get_env_processors()
@@ -237,3 +244,8 @@ def test_an_unknown_camera_of_policies_names_the_known_ones():
 def test_a_bad_picture_is_one_error_that_names_it(picture, named, make):
     with pytest.raises((OptionError, ValueError), match=named):
         make(SurRoLEnvConfig(**picture))
+
+
+def test_sensors_out_of_range_are_named(make):
+    with pytest.raises(ValueError, match="dropout is a probability, in .* got 2"):
+        make(SurRoLEnvConfig(task="NeedleReach-v0", dropout=2.0))
