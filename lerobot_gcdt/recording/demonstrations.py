@@ -25,6 +25,7 @@ from lerobot_gcdt.keys import TIME_TO_GOAL
 from lerobot_gcdt.recording.features import NO_EXTRAS, Extras, describe_columns, to_columns
 from lerobot_gcdt.recording.learners import Learner
 from lerobot_gcdt.recording.locking import LOCK_FILE, alone_in
+from lerobot_gcdt.recording.writing import save_episode
 from surrol_gym.envs.psm_env import Mount, unwrapped
 
 RECORDING_FILE = "meta/surrol.json"
@@ -297,7 +298,7 @@ def build_dataset(
         for t in range(len(columns[TIME_TO_GOAL])):
             frame = {key: values[t] for key, values in columns.items()}
             dataset.add_frame(frame | {"task": unwrapped(env).task_description})
-        dataset.save_episode(parallel_encoding=False)  # that would fork, which a worker of `--all` may not
+        save_episode(dataset, parallel_encoding=False)  # that would fork, which a worker of `--all` may not
     dataset.finalize()
     sort_statistics(building)
     (building / RECORDING_FILE).write_text(json.dumps(facts | {"steps_to_success": steps}, indent=2) + "\n")

@@ -35,6 +35,7 @@ from lerobot_gcdt.keys import (
 from lerobot_gcdt.recording.demonstrations import RECORDING_FILE, sort_statistics
 from lerobot_gcdt.recording.features import vector_feature
 from lerobot_gcdt.recording.locking import alone_in
+from lerobot_gcdt.recording.writing import save_episode
 
 PADDED_SIZES = {STATE: 35, ENVIRONMENT_STATE: 6, GOAL: 6, ACHIEVED_GOAL: 6, ACTION: 10, DISTURBANCE: 10}
 """The largest size of each vector among the ten tasks."""
@@ -140,7 +141,7 @@ def _padded_copy(meta: LeRobotDatasetMetadata, features: dict[str, dict], copy: 
         frame = {key: _padded(columns[key][i : i + 1].reshape(-1), features[key]["shape"][0]) for key in COLUMNS}
         dataset.add_frame(frame | {"task": sentences[columns["task_index"][i]]})
         if i + 1 == len(episodes) or episodes[i + 1] != episode:
-            dataset.save_episode()
+            save_episode(dataset)
     dataset.finalize()
     (building / RECORDING_FILE).write_text(note)
     os.replace(building, copy)
