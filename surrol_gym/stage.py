@@ -71,7 +71,7 @@ class Stage:
         self._client = bullet.connect(gui=window is not None)
         self._has_window = window is not None
         if window:
-            # Its menus hide the scene, its keys would switch wires and shadows, and shadows take a software renderer long.
+            # Menus hide the scene, keys would switch wires and shadows, and shadows take a software renderer long.
             for flag in (pybullet.COV_ENABLE_GUI, pybullet.COV_ENABLE_KEYBOARD_SHORTCUTS, pybullet.COV_ENABLE_SHADOWS):
                 self._client.configureDebugVisualizer(flag, 0)
             self._client.resetDebugVisualizerCamera(*window.look())
