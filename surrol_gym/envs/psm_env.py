@@ -10,7 +10,7 @@ import numpy as np
 from surrol_gym.envs.goal_env import GoalEnv
 from surrol_gym.envs.grasping import Grasp
 from surrol_gym.psm.arm import DOWN, JAW_CLOSED, JAW_OPEN, Arm, euler_to_matrix
-from surrol_gym.psm.kinematics import JAW_LENGTH
+from surrol_gym.psm.kinematics import JAW_LENGTH, RCM_OFFSET
 from surrol_gym.quantities import RPY, Quantity, euler, point
 from surrol_gym.units import to_metres, to_su
 
@@ -52,6 +52,13 @@ class Mount:
     def limits(self) -> np.ndarray:
         """Returns the lowest and the highest position of link 5, shape (2, 3), su: workspaces are those of the tips."""
         return (to_su(np.array(self.workspace) + [[0.0], [0.0], [JAW_LENGTH]]) + _PADDING).T
+
+    def rcm(self) -> np.ndarray:
+        """Returns the pose of the arm's remote centre of motion, a (4, 4) matrix, metres, world frame."""
+        pose = np.eye(4)
+        pose[:3, :3] = euler_to_matrix((0, 0, self.base_yaw))
+        pose[:3, 3] = self.base_position + RCM_OFFSET * pose[:3, 1]
+        return pose
 
     def tool_direction(self) -> np.ndarray:
         """Returns where the jaws point, a unit vector, world frame; turning the tool does not change it."""
