@@ -7,7 +7,6 @@ import gymnasium as gym
 import numpy as np
 
 from surrol_gym.bullet import WindowClosed
-from surrol_gym.envs.goal_env import Observation
 from surrol_gym.envs.psm_env import unwrapped
 
 HOLD = 5
@@ -31,11 +30,8 @@ class Stop(Exception):
 Command = Callable[[], np.ndarray]
 """Returns the action that a person commands at this moment; raises ``BeginAgain`` or ``Stop`` for other wishes."""
 
-OnStep = Callable[[Observation, np.ndarray, float, dict], None]
-"""Called after every step with the observation before it, its action, its reward and its info."""
 
-
-def act_out(env: gym.Env, seed: int, command: Command, on_step: OnStep, on_start: Callable[[], None]) -> bool:
+def act_out(env: gym.Env, seed: int, command: Command) -> bool:
     """Lets a person act out one episode.
 
     A step is taken whenever the command moves an arm or changes what jaws do, and also without while the goal is held,
@@ -44,9 +40,7 @@ def act_out(env: gym.Env, seed: int, command: Command, on_step: OnStep, on_start
     Args:
         env: The environment.
         seed: Seed of the reset.
-        command: The person.
-        on_step: Told of every step.
-        on_start: Called at the start, and whenever the person begins anew: forget the steps before.
+        command: The person. Whenever they begin anew, the environment is reset.
 
     Returns:
         Whether the goal was reached and held; else ``PATIENCE`` ran out.
@@ -57,9 +51,8 @@ def act_out(env: gym.Env, seed: int, command: Command, on_step: OnStep, on_start
     assert env.spec and env.spec.max_episode_steps  # every task is registered with a time limit
     pace = 1 / env.metadata["render_fps"]
     while True:
-        observation, info = env.reset(seed=seed)
+        env.reset(seed=seed)
         jaws = np.full(len(unwrapped(env).mounts), -1.0)  # closed
-        on_start()
         held = steps = 0
         try:
             while held < HOLD and steps < PATIENCE * env.spec.max_episode_steps:
@@ -70,8 +63,7 @@ def act_out(env: gym.Env, seed: int, command: Command, on_step: OnStep, on_start
                     time.sleep(_POLL)
                     continue
                 jaws = np.sign(action[_GRIPPER])
-                seen, (observation, reward, _, _, info) = observation, env.step(action)
-                on_step(seen, action, float(reward), info)
+                info = env.step(action)[-1]
                 steps += 1
                 held = held + 1 if info["is_success"] else 0
                 time.sleep(max(pace - (time.perf_counter() - begun), 0.0))

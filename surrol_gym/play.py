@@ -3,7 +3,6 @@
 import argparse
 import sys
 from collections.abc import Collection
-from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -71,21 +70,13 @@ def play(task: str, seed: int = 0, camera: str = "closeup", episodes: int | None
     shown = unwrapped(env)
     print(f"{shown.task}: {shown.task_description}\n{HELP}", flush=True)
     outcomes: list[bool] = []
-    steps = [0]
-
-    def count(*_: Any) -> None:
-        steps[0] += 1
-
-    def begin() -> None:
-        steps[0] = 0
-        print(f"Seed {seed}: go.", flush=True)
-
+    limit = task_spec(task).max_episode_steps
     try:
         while episodes is None or len(outcomes) < episodes:
-            outcomes.append(act_out(env, seed, WindowKeys(shown), count, begin))
-            limit = task_spec(task).max_episode_steps
+            print(f"Seed {seed}: go.", flush=True)
+            outcomes.append(act_out(env, seed, WindowKeys(shown)))
             how = "the goal is reached" if outcomes[-1] else "the goal was not reached"
-            print(f"Seed {seed}: {how} after {steps[0]} steps (an episode of the expert has {limit}).", flush=True)
+            print(f"Seed {seed}: {how} after {shown.elapsed_steps} steps; the expert has {limit}.", flush=True)
             seed += 1
     except Stop:
         print("Bye.")

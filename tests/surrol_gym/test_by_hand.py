@@ -1,5 +1,6 @@
 """Episodes that somebody acts out: when a step is taken, and when they end."""
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
@@ -20,10 +21,10 @@ def time(monkeypatch):
 
 @pytest.fixture
 def acted(make):
-    """Acts out an episode of NeedleReach by a list of commands; returns the actions of its steps."""
+    """Acts out an episode of NeedleReach by a list of commands; returns how many steps were taken."""
 
     def acted(*commands, task="NeedleReach"):
-        waiting, steps = list(commands), []
+        waiting = list(commands)
 
         def command():
             if not waiting:
@@ -32,23 +33,24 @@ def acted(make):
                 raise waiting.pop(0)
             return waiting.pop(0)
 
+        env = make(task)
         with pytest.raises(Stop):
-            act_out(make(task), 0, command, lambda _, action, *__: steps.append(action), steps.clear)
-        return steps
+            act_out(env, 0, command)
+        return env.unwrapped.elapsed_steps
 
     return acted
 
 
 def test_time_stands_still_while_nothing_is_commanded(acted):
-    assert acted(CLOSED, CLOSED, CLOSED) == []
+    assert acted(CLOSED, CLOSED, CLOSED) == 0
 
 
 def test_motion_takes_a_step(acted):
-    assert len(acted(CLOSED, CLOSED + [0.1, 0, 0, 0, 0], CLOSED)) == 1
+    assert acted(CLOSED, CLOSED + [0.1, 0, 0, 0, 0], CLOSED) == 1
 
 
 def test_a_change_of_the_jaws_takes_a_step(acted):
-    assert len(acted(OPEN, OPEN, CLOSED, CLOSED, task="NeedlePick")) == 2
+    assert acted(OPEN, OPEN, CLOSED, CLOSED, task="NeedlePick") == 2
 
 
 def test_a_step_lasts_as_long_as_its_simulated_time(acted, time):
@@ -58,34 +60,39 @@ def test_a_step_lasts_as_long_as_its_simulated_time(acted, time):
 
 def test_beginning_anew_forgets_the_steps(acted):
     motion = CLOSED + [0.1, 0, 0, 0, 0]
-    assert len(acted(motion, motion, BeginAgain, motion)) == 1
+    assert acted(motion, motion, BeginAgain, motion) == 1
+
+
+class Seen(gym.Wrapper):
+    """Keeps what steps returned."""
+
+    def reset(self, **kwargs):
+        self.observation, info = self.env.reset(**kwargs)
+        self.successes = []
+        return self.observation, info
+
+    def step(self, action):
+        self.observation, *rest, info = self.env.step(action)
+        self.successes.append(info["is_success"])
+        return self.observation, *rest, info
 
 
 def test_an_episode_ends_when_the_goal_has_been_held(make):
-    env, infos, seen = make("NeedleReach"), [], []
+    env = Seen(make("NeedleReach"))
     expert = surrol_gym.make_expert(env)
-    env.reset(seed=0)
 
     def command():
         # The person lets go as soon as the goal is reached.
-        if infos and infos[-1]["is_success"]:
-            return CLOSED
-        return expert.act(seen[-1] if seen else env.unwrapped.set_state(env.unwrapped.get_state()))
+        return CLOSED if env.successes and env.successes[-1] else expert.act(env.observation)
 
-    def on_step(observation, action, reward, info):
-        infos.append(info)
-        seen.append(env.unwrapped.set_state(env.unwrapped.get_state()))
-
-    assert act_out(env, 0, command, on_step, infos.clear)
-    assert [info["is_success"] for info in infos[-HOLD:]] == [True] * HOLD
-    assert not infos[-HOLD - 1]["is_success"]
+    assert act_out(env, 0, command)
+    assert env.successes[-HOLD:] == [True] * HOLD
+    assert not any(env.successes[:-HOLD])
 
 
 def test_patience_ends(make, monkeypatch):
     monkeypatch.setattr(by_hand, "PATIENCE", 0.1)
-    steps = []
-    held = act_out(
-        make("NeedleReach"), 0, lambda: CLOSED + [0, 0, 1, 0, 0], lambda *step: steps.append(step), steps.clear
-    )
-    assert not held and len(steps) == 5
+    env = make("NeedleReach")
+    assert not act_out(env, 0, lambda: CLOSED + [0, 0, 1, 0, 0])
+    assert env.unwrapped.elapsed_steps == 5
     assert PATIENCE > 1
