@@ -1,7 +1,7 @@
 """The goal-conditioned decision transformer and the SurRoL environments as LeRobot plugins.
 
-Importing the package registers the policy types ``gcdt`` and ``bc``, and where PyBullet is installed the environment type
-``surrol``, the robot types ``surrol_psm`` and ``dvrk_psm`` and the teleoperator type ``psm_keyboard``; policies are
+Importing the package registers the policy types ``gcdt`` and ``bc``; where PyBullet is installed also the environment
+type ``surrol``, the robot types ``surrol_psm`` and ``dvrk_psm`` and the teleoperator type ``psm_keyboard``. Policies are
 trained and loaded without it.
 """
 

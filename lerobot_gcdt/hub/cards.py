@@ -168,17 +168,18 @@ def card(facts: dict, repo_id: str, pictures: str) -> str:
     """
     parts, merged, name = recordings(facts), "merged_from" in facts, repo_id.split("/")[-1]
     episodes, frames = sum(part["episodes"] for part in parts), sum(map(frames_of, parts))
-    imported, tasks = any(map(is_imported, parts)), len({part["env_id"] for part in parts})
+    imported, human = any(map(is_imported, parts)), any(map(is_human, parts))
+    tasks = len({part["env_id"] for part in parts})
     of = f"{tasks} task{'s' * (tasks > 1)}" if merged else f"`{facts['env_id']}`"
     if imported:
         made = f"of {of}, {'recorded and ' * merged}imported"
-    elif any(map(is_human, parts)):
+    elif human:
         made = f"by {'scripted experts and ' * (not all(map(is_human, parts)))}a person, of {of}"
     else:
         made = f"by the scripted expert{'s' * merged} of {of}"
     told = "" if merged else f' The task in a sentence: "{env_class(facts["env_id"]).task_description}"'
     return CARD.format(
-        data=_metadata("cross-task" if merged else task_of(facts), imported, frames).to_yaml(),
+        data=_metadata("cross-task" if merged else task_of(facts), imported, human, frames).to_yaml(),
         title=name,
         summary=_fill(
             f"{episodes:,} demonstrations {made}, after SurRoL, in simulation: {frames:,} frames, 5 "
@@ -229,12 +230,12 @@ def steps_to_success(facts: dict) -> str:
     return "{mean} on average, {min} to {max}".format(**facts["steps_to_success"])
 
 
-def _metadata(subject: str, imported: bool, frames: int) -> DatasetCardData:
+def _metadata(subject: str, imported: bool, human: bool, frames: int) -> DatasetCardData:
     return DatasetCardData(
         license="other" if imported else "apache-2.0",
         task_categories=["robotics"],
         tags=["LeRobot", "surgical-robotics", "surrol", "dvrk"],
-        pretty_name=f"SurRoL {subject}, {'imported' if imported else 'scripted'} demonstrations",
+        pretty_name=f"SurRoL {subject}, {'imported' if imported else 'human' if human else 'scripted'} demonstrations",
         size_categories=[SIZES[max(len(str(frames)) - 3, 0)]],
         configs=[{"config_name": "default", "data_files": "data/*/*.parquet"}],
     )

@@ -93,7 +93,7 @@ def record(
     learner: Learner | None = None,
     person: Person | None = None,
 ) -> Path:
-    """Records successful episodes of a task's scripted expert, those that it saves, or a person's, as a LeRobot dataset.
+    """Records successful episodes of a task as a LeRobot dataset: the expert's, those that it saves, or a person's.
 
     Args:
         task: Name of the task; see ``surrol_gym.find_task``.

@@ -58,7 +58,7 @@ def task_named(facts: dict) -> str:
 
 
 def frames_of(facts: dict) -> int:
-    """Returns the number of frames of a dataset; unless it was imported or a person acted, all run to the time limit."""
+    """Returns the number of frames of a dataset; what experts recorded runs to the time limit."""
     return facts.get("frames") or facts["episodes"] * task_spec(facts["env_id"]).max_episode_steps
 
 

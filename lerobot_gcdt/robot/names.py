@@ -1,8 +1,9 @@
 """What the numbers of a robot are called: as in our datasets, with the endings that LeRobot's commands look for.
 
-`lerobot-rollout` shows a policy only what ends in ``.pos`` or ``.vel``, and takes only such actions from it. So a robot
-observes ``psm1_x.pos`` and takes ``psm1_dx.vel``, where a dataset says ``psm1_x`` and ``psm1_dx``. It has one vector for
-all numbers, ``observation.state``; the goals stand behind the observation (``lerobot_gcdt.data.robot_state``).
+`lerobot-rollout` shows a policy only what ends in ``.pos`` or ``.vel``, and takes only such actions from it. So a
+robot observes ``psm1_x.pos`` and takes ``psm1_dx.vel``, where a dataset says ``psm1_x`` and ``psm1_dx``. It has one
+vector for all numbers, ``observation.state``; the goals stand behind the observation
+(``lerobot_gcdt.data.robot_state``).
 """
 
 from collections.abc import Mapping

@@ -68,8 +68,8 @@ def seat(teleoperator: str, task: str) -> Person:
         away = "-y"
         if not is_package_available("pynput") or not pynput_can_capture():
             raise RuntimeError(
-                f"The teleoperator {teleoperator} needs pynput (`pip install 'lerobot[core_scripts]'`) and an X display "
-                "(not Wayland) to hear keys; `python -m surrol_gym.play` needs neither, but records nothing."
+                f"The teleoperator {teleoperator} needs pynput (`pip install 'lerobot[core_scripts]'`) and an X "
+                "display, not Wayland, to hear keys; `python -m surrol_gym.play` needs neither, but records nothing."
             )
     if teleoperator != "keyboard" and len(moved.mounts) > 1:
         raise ValueError(f"{teleoperator} moves one arm, and {moved.task} has {len(moved.mounts)}; take keyboard.")

@@ -28,7 +28,7 @@ class PSMKeyboard(KeyboardTeleop):
         super().__init__(config)
         task = env_class(config.task)
         self._names, self._hands = action_names(task), Hands(task)
-        self._down: set[Any] = set()
+        self._down: set[str] = set()
 
     @property
     def action_features(self) -> dict[str, type]:
@@ -43,25 +43,24 @@ class PSMKeyboard(KeyboardTeleop):
     @check_if_not_connected
     def get_action(self) -> dict[str, Any]:
         """Returns what the keys command that are down, or were since the last call."""
-        pressed = {_name(key) for key in self._pressed()}
+        pressed = self._pressed()
         if AGAIN in pressed:
             self._hands.reset()
         numbers = dict(zip(self._names, self._hands.act(pressed).tolist(), strict=True))
         return numbers | ({BEGIN: 1.0} if AGAIN in pressed else {})
 
-    def _pressed(self) -> set[Any]:
-        pressed = set(self._down)
+    def _pressed(self) -> set[str]:
+        pressed = set()
         while not self.event_queue.empty():
             key, is_down = self.event_queue.get_nowait()
-            if is_down:
-                self._down.add(key)
-                pressed.add(key)
-            else:
-                # With shift a key may go down as one letter and up as the other.
-                self._down = {other for other in self._down if _name(other) != _name(key)}
-        return pressed
+            if not is_down:
+                self._down.discard(_name(key))
+            elif _name(key) not in self._down:  # otherwise a key that is held repeats itself
+                self._down.add(_name(key))
+                pressed.add(_name(key))
+        return pressed | self._down
 
 
 def _name(key: Any) -> str:
-    """The name of a key as ``surrol_gym.keyboard`` has it; the listener gives letters as text."""
+    """The name of a key as ``surrol_gym.keyboard`` has it; the listener gives letters as text, with shift large ones."""
     return key.lower() if isinstance(key, str) else getattr(key, "name", "").removesuffix("_r")

@@ -141,7 +141,9 @@ def check(trajectory: Trajectory, limits: Limits = PSM) -> Report:
     """
     checks = []
     for arm, set_points in trajectory.arms.items():
-        checks += [_held(trajectory, arm, *quantity) for quantity in _quantities(set_points, trajectory.rate, limits)]
+        checks += [
+            _held(trajectory, arm, *quantity) for quantity in _quantities(set_points, trajectory.rate, limits)
+        ]
     for (one, first), (other, second) in combinations(trajectory.arms.items(), 2):
         distance = distance_of_arms(first, second)
         checks.append(_held(trajectory, f"{one}-{other}", "distance", "m", distance, limits.arms, None))

@@ -32,8 +32,8 @@ class SurRoLPSM(Robot):
     """One or two simulated PSMs in the scene of a task.
 
     Each action takes 0.2 s of simulated time, however fast it is sent: run LeRobot's commands with 5 frames a second.
-    An episode begins when the robot is connected, and again where an action says ``begin_anew``, each time from the next
-    seed. It never ends by itself.
+    An episode begins when the robot is connected, and again where an action says ``begin_anew``, each time from the
+    next seed. It never ends by itself.
 
     Args:
         config: The configuration.
