@@ -81,10 +81,20 @@ class Report:
         """The checks whose limits are broken."""
         return [check for check in self.checks if check.steps]
 
+    def summary(self) -> str:
+        """Returns what there is to know in a few lines."""
+        lines = [self._headline(), self._stretch()]
+        if self.broken:
+            lines += ["Limits are broken:", *(f"  {check.describe()}" for check in self.broken)]
+        else:
+            lines.append("No limit is broken.")
+        if not self.trajectory.success:
+            lines.append("In the simulator the episode does not end in success.")
+        return "\n".join(lines)
+
     def text(self) -> str:
-        """Returns the report for reading."""
-        trajectory = self.trajectory
-        lines = [self._headline(), self._stretch(), ""]
+        """Returns the report for reading: the summary and a table of all checks."""
+        lines = [self.summary(), ""]
         lines.append(f"{'':10}{'':36}{'lowest':>10}{'highest':>10}{'limits':>20}")
         for check in self.checks:
             low, high = ("" if limit is None else f"{limit:.4g}" for limit in (check.low, check.high))
@@ -92,13 +102,6 @@ class Report:
                 f"{check.arm:10}{check.quantity + ', ' + check.unit:36}{check.lowest:10.4f}{check.highest:10.4f}"
                 f"{low + ' to ' + high:>20}{'  BROKEN' if check.steps else ''}"
             )
-        lines.append("")
-        if self.broken:
-            lines += ["Limits are broken:", *(f"  {check.describe()}" for check in self.broken)]
-        else:
-            lines.append("No limit is broken.")
-        if not trajectory.success:
-            lines.append("In the simulator the episode does not end in success.")
         return "\n".join(lines) + "\n"
 
     def json(self) -> str:
