@@ -247,12 +247,14 @@ def _add_export_dvrk(commands: Any) -> None:
         "--policy",
         required=True,
         metavar="TRAINING",
-        help="who acts: expert, a training, a pretrained_model folder, a repository on the Hub, or generalist, which is "
-        "built in",
+        help="who acts: expert, a training, a pretrained_model folder, a repository on the Hub, or generalist, which "
+        "is built in",
     )
     export.add_argument("--task", required=True, help="name of the task, such as PegTransfer or my_module:MyTask")
     export.add_argument("--seed", type=int, default=0, help="seed of the episode (default 0)")
-    export.add_argument("--out", required=True, type=Path, metavar="DIR", help="folder of the set-points and the report")
+    export.add_argument(
+        "--out", required=True, type=Path, metavar="DIR", help="folder of the set-points and the report"
+    )
     export.add_argument("--rate", type=float, default=200.0, help="set-points a second (default 200)")
     export.add_argument(
         "--base-frame", type=Path, metavar="FILE", help="measured poses of the RCMs, JSON (default: the simulator's)"

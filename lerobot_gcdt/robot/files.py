@@ -24,9 +24,7 @@ def write_csv(trajectory: Trajectory, folder: Path) -> None:
     for arm, points in trajectory.arms.items():
         columns = (trajectory.time, trajectory.step, points.position, points.quaternion, points.joints, points.jaw)
         formats = ["%.6f", "%d", *["%.9f"] * (len(COLUMNS) - 2)]
-        np.savetxt(
-            folder / f"{arm}.csv", np.column_stack(columns), formats, ",", header=",".join(COLUMNS), comments=""
-        )
+        np.savetxt(folder / f"{arm}.csv", np.column_stack(columns), formats, ",", header=",".join(COLUMNS), comments="")
 
 
 def write_npz(trajectory: Trajectory, folder: Path) -> None:

@@ -115,8 +115,8 @@ class Report:
     def _headline(self) -> str:
         trajectory = self.trajectory
         return (
-            f"{trajectory.task}, seed {trajectory.seed}, {trajectory.source}: {len(trajectory.time)} set-points for each "
-            f"of {', '.join(trajectory.arms)}, {trajectory.rate:g} a second, {trajectory.time[-1]:.2f} s"
+            f"{trajectory.task}, seed {trajectory.seed}, {trajectory.source}: {len(trajectory.time)} set-points for "
+            f"each of {', '.join(trajectory.arms)}, {trajectory.rate:g} a second, {trajectory.time[-1]:.2f} s"
         )
 
     def _stretch(self) -> str:
@@ -144,9 +144,7 @@ def check(trajectory: Trajectory, limits: Limits = PSM) -> Report:
     """
     checks = []
     for arm, set_points in trajectory.arms.items():
-        checks += [
-            _held(trajectory, arm, *quantity) for quantity in _quantities(set_points, trajectory.rate, limits)
-        ]
+        checks += [_held(trajectory, arm, *quantity) for quantity in _quantities(set_points, trajectory.rate, limits)]
     for (one, first), (other, second) in combinations(trajectory.arms.items(), 2):
         distance = distance_of_arms(first, second)
         checks.append(_held(trajectory, f"{one}-{other}", "distance", "m", distance, limits.arms, None))
@@ -206,12 +204,8 @@ def _quantities(arm: SetPoints, rate: float, limits: Limits) -> Iterator[Quantit
 def _held(
     trajectory: Trajectory, arm: str, name: str, unit: str, values: np.ndarray, low: float | None, high: float | None
 ) -> Check:
-    beyond = np.full(len(values), -np.inf)
-    if low is not None:
-        beyond = np.maximum(beyond, low - values)
-    if high is not None:
-        beyond = np.maximum(beyond, values - high)
-    beyond = np.where(np.isfinite(values), beyond, np.inf)
+    floor, ceiling = -np.inf if low is None else low, np.inf if high is None else high
+    beyond = np.where(np.isfinite(values), np.maximum(floor - values, values - ceiling), np.inf)
     worst = int(beyond.argmax())
     broken = np.unique(trajectory.step[beyond > ROUNDING])
     return Check(
@@ -249,7 +243,8 @@ def _capsules(arm: SetPoints) -> Iterator[tuple[np.ndarray, np.ndarray, float]]:
 
 
 def _distance_of_segments(start: np.ndarray, end: np.ndarray, start2: np.ndarray, end2: np.ndarray) -> np.ndarray:
-    """Distances between pairs of segments, whose ends have the shape (N, 3); Ericson, Real-Time Collision Detection 5.1.9."""
+    """Distances between pairs of segments, whose ends have the shape (N, 3): the nearest points of both lines, clamped
+    to one segment after the other."""
     first, second, between = end - start, end2 - start2, start - start2
     a, e, f = (np.sum(u * v, axis=-1) for u, v in ((first, first), (second, second), (second, between)))
     b, c = (np.sum(u * v, axis=-1) for u, v in ((first, second), (first, between)))
