@@ -81,9 +81,9 @@ def read_placement(path: str | Path, arms: tuple[str, ...]) -> Placement:
         x, y, z = pose[:3, 3]
         if z <= 0 or np.linalg.norm(pose[:3, 3]) > FARTHEST:
             raise ValueError(
-                f"By {path} the RCM of {arm} is at ({x:.3f}, {y:.3f}, {z:.3f}) m in the table frame, and should be above "
-                f"the table and within {FARTHEST} m; are the lengths metres, and the poses those of the RCM in "
-                f"{measured['frame']}, not the other way round?"
+                f"By {path} the RCM of {arm} is at ({x:.3f}, {y:.3f}, {z:.3f}) m in the table frame; it should be "
+                f"above the table and within {FARTHEST} m. Are the lengths metres, and the poses those of the RCM in "
+                f"the frame {measured['frame']}, not the other way round?"
             )
     return Placement(measured["frame"], rcm, base)
 

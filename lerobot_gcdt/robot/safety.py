@@ -81,10 +81,20 @@ class Report:
         """The checks whose limits are broken."""
         return [check for check in self.checks if check.steps]
 
+    def summary(self) -> str:
+        """Returns what there is to know in a few lines."""
+        lines = [self._headline(), self._stretch()]
+        if self.broken:
+            lines += ["Limits are broken:", *(f"  {check.describe()}" for check in self.broken)]
+        else:
+            lines.append("No limit is broken.")
+        if not self.trajectory.success:
+            lines.append("In the simulator the episode does not end in success.")
+        return "\n".join(lines)
+
     def text(self) -> str:
-        """Returns the report for reading."""
-        trajectory = self.trajectory
-        lines = [self._headline(), self._stretch(), ""]
+        """Returns the report for reading: the summary and a table of all checks."""
+        lines = [self.summary(), ""]
         lines.append(f"{'':10}{'':36}{'lowest':>10}{'highest':>10}{'limits':>20}")
         for check in self.checks:
             low, high = ("" if limit is None else f"{limit:.4g}" for limit in (check.low, check.high))
@@ -92,13 +102,6 @@ class Report:
                 f"{check.arm:10}{check.quantity + ', ' + check.unit:36}{check.lowest:10.4f}{check.highest:10.4f}"
                 f"{low + ' to ' + high:>20}{'  BROKEN' if check.steps else ''}"
             )
-        lines.append("")
-        if self.broken:
-            lines += ["Limits are broken:", *(f"  {check.describe()}" for check in self.broken)]
-        else:
-            lines.append("No limit is broken.")
-        if not trajectory.success:
-            lines.append("In the simulator the episode does not end in success.")
         return "\n".join(lines) + "\n"
 
     def json(self) -> str:
@@ -112,8 +115,8 @@ class Report:
     def _headline(self) -> str:
         trajectory = self.trajectory
         return (
-            f"{trajectory.task}, seed {trajectory.seed}, {trajectory.source}: {len(trajectory.time)} set-points for each "
-            f"of {', '.join(trajectory.arms)}, {trajectory.rate:g} a second, {trajectory.time[-1]:.2f} s"
+            f"{trajectory.task}, seed {trajectory.seed}, {trajectory.source}: {len(trajectory.time)} set-points for "
+            f"each of {', '.join(trajectory.arms)}, {trajectory.rate:g} a second, {trajectory.time[-1]:.2f} s"
         )
 
     def _stretch(self) -> str:
@@ -141,9 +144,7 @@ def check(trajectory: Trajectory, limits: Limits = PSM) -> Report:
     """
     checks = []
     for arm, set_points in trajectory.arms.items():
-        checks += [
-            _held(trajectory, arm, *quantity) for quantity in _quantities(set_points, trajectory.rate, limits)
-        ]
+        checks += [_held(trajectory, arm, *quantity) for quantity in _quantities(set_points, trajectory.rate, limits)]
     for (one, first), (other, second) in combinations(trajectory.arms.items(), 2):
         distance = distance_of_arms(first, second)
         checks.append(_held(trajectory, f"{one}-{other}", "distance", "m", distance, limits.arms, None))
@@ -203,12 +204,8 @@ def _quantities(arm: SetPoints, rate: float, limits: Limits) -> Iterator[Quantit
 def _held(
     trajectory: Trajectory, arm: str, name: str, unit: str, values: np.ndarray, low: float | None, high: float | None
 ) -> Check:
-    beyond = np.full(len(values), -np.inf)
-    if low is not None:
-        beyond = np.maximum(beyond, low - values)
-    if high is not None:
-        beyond = np.maximum(beyond, values - high)
-    beyond = np.where(np.isfinite(values), beyond, np.inf)
+    floor, ceiling = -np.inf if low is None else low, np.inf if high is None else high
+    beyond = np.where(np.isfinite(values), np.maximum(floor - values, values - ceiling), np.inf)
     worst = int(beyond.argmax())
     broken = np.unique(trajectory.step[beyond > ROUNDING])
     return Check(
@@ -246,7 +243,8 @@ def _capsules(arm: SetPoints) -> Iterator[tuple[np.ndarray, np.ndarray, float]]:
 
 
 def _distance_of_segments(start: np.ndarray, end: np.ndarray, start2: np.ndarray, end2: np.ndarray) -> np.ndarray:
-    """Distances between pairs of segments, whose ends have the shape (N, 3); Ericson, Real-Time Collision Detection 5.1.9."""
+    """Distances between pairs of segments, whose ends have the shape (N, 3): the nearest points of both lines, clamped
+    to one segment after the other."""
     first, second, between = end - start, end2 - start2, start - start2
     a, e, f = (np.sum(u * v, axis=-1) for u, v in ((first, first), (second, second), (second, between)))
     b, c = (np.sum(u * v, axis=-1) for u, v in ((first, second), (first, between)))

@@ -198,9 +198,7 @@ def _joints(tips: RigidTransform, knots: np.ndarray, arm: str) -> np.ndarray:
     roll = np.unwrap(joints[:, 3])
     joints[:, 3] = roll - 2 * np.pi * np.round((roll.min() + roll.max()) / (4 * np.pi))
     again = tip_pose(joints)
-    off = np.maximum(
-        np.abs(again[0] - tips.translation).max(axis=-1), np.abs(again[1] - rotation).max(axis=(-2, -1))
-    )
+    off = np.maximum(np.abs(again[0] - tips.translation).max(axis=-1), np.abs(again[1] - rotation).max(axis=(-2, -1)))
     if not (off < AGREEMENT).all():
         sample = int(np.argmin(off < AGREEMENT))
         x, y, z = tips.translation[sample]
