@@ -1,8 +1,8 @@
 """The goal-conditioned decision transformer and the SurRoL environments as LeRobot plugins.
 
 Importing the package registers the policy types ``gcdt`` and ``bc``; where PyBullet is installed also the environment
-type ``surrol``, the robot types ``surrol_psm`` and ``dvrk_psm`` and the teleoperator type ``psm_keyboard``. Policies are
-trained and loaded without it.
+type ``surrol``, the robot types ``surrol_psm`` and ``dvrk_psm``, and the teleoperator type ``psm_keyboard``. Policies
+are trained and loaded without it.
 """
 
 from importlib.util import find_spec

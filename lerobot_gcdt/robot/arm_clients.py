@@ -1,8 +1,9 @@
 """Arms of a dVRK as this package talks to them: through CRTK's Python client, or on paper.
 
-dvrk_python 2.4 on crtk 1.4: what is measured comes as a pair of the value and its time stamp, and a stamp of 0 means that
-it is invalid; what is older than it may be raises ``TimeoutError`` (change logs of both, 2.4.0 and 1.4.0). Commands go by
-``servo_cp`` and ``jaw.servo_jp``, in metres and radians, in the frame that the arm measures in.
+dvrk_python 2.4 on crtk 1.4: what is measured comes as a pair of the value and its time stamp, and a stamp of 0 means
+that it is invalid; what is older than it may be raises ``TimeoutError`` (change logs of the dVRK, 2.4.0, and of
+crtk_python_client, 1.4.0). Commands go by ``servo_cp`` and ``jaw.servo_jp``, in metres and radians, in the frame that
+the arm measures in.
 """
 
 from collections.abc import Sequence
@@ -12,9 +13,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 INSTALL = (
-    "robot.type=dvrk_psm drives arms through dvrk_python 2.4 and crtk 1.4, which come with the dVRK's ROS 2 workspace and "
-    "not with pip: build it as https://dvrk.readthedocs.io says, source its setup.bash and use the Python of that ROS. "
-    "--robot.dry_run=true needs neither"
+    "robot.type=dvrk_psm drives arms through dvrk_python 2.4 and crtk 1.4, which come with the dVRK's ROS 2 workspace "
+    "and not with pip: build it as https://dvrk.readthedocs.io says, source its setup.bash and use the Python of that "
+    "ROS. --robot.dry_run=true needs neither"
 )
 
 

@@ -44,8 +44,8 @@ class DVRKPSM(Robot):
     """One or two real PSMs, which do what the simulated ones of a task do.
 
     An action moves link 5 by up to 10 mm along the world's axes, within the task's workspace, as
-    ``surrol_gym.envs.psm_env.PSMEnv`` has it, from where the arm was last sent. ``send_action`` sends set-points along a
-    minimum-jerk path and returns when the arm should be there, so nothing moves without the program that sends.
+    ``surrol_gym.envs.psm_env.PSMEnv`` has it, from where the arm was last sent. ``send_action`` sends set-points along
+    a minimum-jerk path and returns when the arm should be there, so nothing moves without the program that sends.
 
     Never tried on a real arm; read docs/dvrk.md first.
 
@@ -230,7 +230,7 @@ class _Arm:
         self._limits = mount.limits()
 
     def to_robot(self, position: np.ndarray, euler: Any) -> np.ndarray:
-        """Returns the pose of the tool tip, (4, 4), metres, of link 5 at a position, su, and Euler angles, world frame."""
+        """Returns the tool tip's pose, (4, 4), metres, for a position of link 5, su, and its Euler angles, world frame."""
         on_table = np.eye(4)
         rotation = euler_to_matrix(euler)
         on_table[:3, :3] = rotation @ TIP_AXES
@@ -250,9 +250,9 @@ class _Arm:
         low, high = self._limits + to_su([[-START], [START]])
         if (position < low).any() or (position > high).any():
             raise RuntimeError(
-                f"{name} is at {np.round(to_metres(position), 3).tolist()} m in the world frame, outside of its workspace "
-                f"of {np.round(to_metres(low), 3).tolist()} to {np.round(to_metres(high), 3).tolist()} m: move it there, "
-                "or check robot.base_frame, and that the dVRK has the base frame that the file says."
+                f"{name} is at {np.round(to_metres(position), 3).tolist()} m in the world frame, outside of its "
+                f"workspace of {np.round(to_metres(low), 3).tolist()} to {np.round(to_metres(high), 3).tolist()} m: "
+                "move it there, or check robot.base_frame, and that the dVRK has the base frame that the file says."
             )
         self.sent = _Motion(pose, pose, (jaw, jaw), 0.0)
 

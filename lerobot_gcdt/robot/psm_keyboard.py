@@ -62,5 +62,5 @@ class PSMKeyboard(KeyboardTeleop):
 
 
 def _name(key: Any) -> str:
-    """The name of a key as ``surrol_gym.keyboard`` has it; the listener gives letters as text, with shift large ones."""
+    """The name of a key as ``surrol_gym.keyboard`` has it; the listener gives letters as text, capitals with shift."""
     return key.lower() if isinstance(key, str) else getattr(key, "name", "").removesuffix("_r")
