@@ -4,6 +4,7 @@ import os
 import shutil
 import subprocess
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -24,9 +25,10 @@ def seeds(request):
 @pytest.fixture(scope="session")
 def display():
     """The name of a virtual display, on which nothing else is shown."""
-    for tool in ("Xvfb", "xdotool"):
-        if not shutil.which(tool):
-            pytest.skip(f"there is no {tool} here (Debian: apt-get install xvfb xdotool)")
+    if not shutil.which("Xvfb"):
+        pytest.skip("there is no Xvfb here (Debian: apt-get install xvfb)")
+    if not find_spec("Xlib"):
+        pytest.skip("python-xlib is not installed, which pynput brings (lerobot[core_scripts])")
     reading, writing = os.pipe()
     command = ["Xvfb", "-displayfd", str(writing), "-screen", "0", "1024x768x24", "-noreset", "-nolisten", "tcp"]
     server = subprocess.Popen(command, pass_fds=[writing], stderr=subprocess.DEVNULL)

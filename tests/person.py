@@ -1,14 +1,16 @@
-"""A scripted person, who looks at the scene and taps keys of the X server's keyboard, as ``xdotool`` does for them.
+"""A scripted person, who looks at the scene and presses keys of the X server's keyboard, by its XTEST extension.
 
 What a hand does is decided by the scripted expert's law, as coarsely as keys allow; the actions come from the keys.
 """
 
-import subprocess
 import threading
 import time
 
 import gymnasium as gym
 import numpy as np
+from Xlib import XK, X
+from Xlib.display import Display
+from Xlib.ext import xtest
 
 import surrol_gym
 from surrol_gym.keyboard import FINE, MOTIONS, SPEED
@@ -31,7 +33,7 @@ class Watched(gym.Wrapper):
 
 
 class Person(threading.Thread):
-    """Taps keys until the end.
+    """Presses keys until the end, each time until the arm has moved.
 
     Args:
         env: A ``Watched`` environment of one arm.
@@ -39,45 +41,44 @@ class Person(threading.Thread):
 
     def __init__(self, env):
         super().__init__(daemon=True)
-        self._env, self._expert = env, surrol_gym.make_expert(env)
-        self._jaws = -1.0
+        self._env, self._expert, self._keyboard = env, surrol_gym.make_expert(env), Keys()
 
     def run(self):
         while True:
             if self._env.seen is None:
                 time.sleep(0.02)
                 continue
-            before = self._env.steps
-            tap(self._keys(self._expert.act(self._env.seen)))
-            for _ in range(100):  # a second; then the key was not heard, or meant nothing
-                if self._env.steps != before:
-                    break
-                time.sleep(0.01)
+            before, keys = self._env.steps, self._keys(self._expert.act(self._env.seen))
+            self._keyboard.hold(keys)
+            while self._env.steps == before:
+                time.sleep(0.005)
+            self._keyboard.let_go(keys)
 
     def _keys(self, action):
-        if np.sign(action[4]) != self._jaws:
-            self._jaws = np.sign(action[4])
-            return ["c" if self._jaws < 0 else "v"]
+        jaws_are_open = self._env.seen["observation"][6] > 0.55
+        if (action[4] > 0) != jaws_are_open:
+            return ["c" if jaws_are_open else "v"]
         # The person takes one size of motion at a time: far away the large one, near by the fine one.
         size = SPEED if np.abs(action[:4]).max() > 0.6 * SPEED else FINE
         keys = [key for key, (place, sign) in MOTIONS.items() if sign * action[place] > 0.3 * size]
-        return (["shift"] if size == FINE else []) + (keys or ["r"])
+        return (["Shift_L"] if size == FINE else []) + (keys or ["r"])
 
 
-def hold(keys):
-    """Presses keys."""
-    _xdotool(*(word for key in keys for word in ("keydown", key)))
+class Keys:
+    """The keys of the X server's keyboard."""
 
+    def __init__(self):
+        self._display = Display()
 
-def let_go(keys):
-    """Releases keys."""
-    _xdotool(*(word for key in keys for word in ("keyup", key)))
+    def hold(self, keys):
+        """Presses keys, named as X does."""
+        self._send(X.KeyPress, keys)
 
+    def let_go(self, keys):
+        """Releases keys."""
+        self._send(X.KeyRelease, keys[::-1])
 
-def tap(keys):
-    """Presses keys together and lets them go at once, which is a single step however busy the machine is."""
-    _xdotool(*(word for key in keys for word in ("keydown", key)), *(word for key in keys for word in ("keyup", key)))
-
-
-def _xdotool(*words):
-    subprocess.run(["xdotool", *words], check=True)
+    def _send(self, event, keys):
+        for key in keys:
+            xtest.fake_input(self._display, event, self._display.keysym_to_keycode(XK.string_to_keysym(key)))
+        self._display.sync()

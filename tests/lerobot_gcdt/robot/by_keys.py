@@ -11,14 +11,14 @@ from pathlib import Path
 
 import gymnasium as gym
 from lerobot.scripts import lerobot_record, lerobot_teleoperate
-from person import Person, Watched, hold, let_go, tap
+from person import Keys, Person, Watched
 
 import gcdt_cli
 from lerobot_gcdt.robot.surrol_psm import SurRoLPSM
 
 FOLDER = Path(sys.argv[1])
 ROBOT = ("--robot.type=surrol_psm", "--robot.task=NeedlePick", "--robot.seed=3")
-SEND = SurRoLPSM.send_action
+SEND, KEYS = SurRoLPSM.send_action, Keys()
 KEYBOARD = ("--teleop.type=psm_keyboard", "--teleop.task=NeedlePick")
 
 
@@ -48,15 +48,20 @@ def move(*keys, then):
 
     def press():
         after(2)
-        hold(keys)
+        KEYS.hold(keys)
         after(4)
-        let_go(keys)
+        KEYS.let_go(keys)
         after(2)
         then(ended)
 
     SurRoLPSM.send_action = watched
     threading.Thread(target=press, daemon=True).start()
     return seen
+
+
+def tap(key):
+    KEYS.hold([key])
+    KEYS.let_go([key])
 
 
 def moved(seen):
@@ -72,7 +77,7 @@ seen = move("Down", "Left", "Control_R", then=threading.Event.set)
 run(lerobot_teleoperate.main, *ROBOT, "--fps=5", "--teleop.type=keyboard_ee")
 told["keyboard_ee"] = moved(seen)
 
-move("s", "d", then=lambda _: tap(["Right"]))  # by which a person ends an episode of lerobot-record
+move("s", "d", then=lambda _: tap("Right"))  # by which a person ends an episode of lerobot-record
 run(
     *(lerobot_record.main, *ROBOT, *KEYBOARD, "--dataset.repo_id=local/by_hand", "--dataset.fps=5"),
     *(f"--dataset.root={FOLDER / 'by_hand'}", "--dataset.single_task=Pick up the needle.", "--dataset.num_episodes=1"),
