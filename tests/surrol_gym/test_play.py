@@ -44,6 +44,11 @@ def test_keys_are_named_by_what_they_write():
     assert named({ord("w"), ord("1"), 65306, 65309, -1, 65297}) == {"w", "1", "shift", "enter"}
 
 
+def test_only_a_window_has_keys(make):
+    with pytest.raises(ValueError, match="human"):
+        make("NeedleReach").unwrapped.pressed_keys()
+
+
 @pytest.mark.parametrize(
     ("arguments", "named"), [(["--task", "NeedleThread"], "NeedleThread"), (["--seed", "-1"], "-1")]
 )
