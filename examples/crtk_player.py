@@ -13,8 +13,7 @@ from itertools import product
 
 import numpy as np
 
-LOST, LONGEST_PERIOD = 0.25, 0.1  # seconds: without a measurement, which ends the motion; between two set-points
-NEAR = 1e-3  # metres and radians by which base frames may differ
+LOST, LONGEST_PERIOD, NEAR = 0.25, 0.1, 1e-3  # s without a measurement; s between set-points; m, rad between frames
 
 
 def main(arguments: list[str] | None = None) -> None:

@@ -152,13 +152,13 @@ def check(trajectory: Trajectory, limits: Limits = PSM) -> Report:
 
 
 def speeds(values: np.ndarray, rate: float) -> np.ndarray:
-    """Returns how fast values change from one set-point to the next; the last one stands still. Shape of ``values``."""
-    return np.diff(values, axis=0, append=values[-1:]) * rate
+    """Returns how fast values change on the way to each set-point, from rest. Shape of ``values``."""
+    return np.diff(values, axis=0, prepend=values[:1]) * rate
 
 
 def accelerations(values: np.ndarray, rate: float) -> np.ndarray:
     """Returns how fast the speed changes at each set-point, from rest and to rest. Shape of ``values``."""
-    return np.diff(speeds(values, rate), axis=0, prepend=np.zeros_like(values[:1])) * rate
+    return np.diff(speeds(values, rate), axis=0, append=np.zeros_like(values[:1])) * rate
 
 
 def height_of_tip(set_points: SetPoints) -> np.ndarray:
