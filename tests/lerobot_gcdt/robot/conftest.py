@@ -20,5 +20,5 @@ def trajectory(episode):
 
 @pytest.fixture(scope="session")
 def two_arms():
-    """Set-points of BiPegTransfer."""
-    return interpolate(play("BiPegTransfer", 3))
+    """Set-points of BiPegTransfer, 50 a second."""
+    return interpolate(play("BiPegTransfer", 3), rate=50)

@@ -129,9 +129,9 @@ def test_the_distance_of_arms_is_that_of_their_points(two_arms):
             for one, radius in points_of(first, index)
             for other, other_radius in points_of(second, index)
         )
-        for index in range(0, len(first.jaw), 700)
+        for index in range(0, len(first.jaw), 150)
     ]
-    np.testing.assert_allclose(distance_of_arms(first, second)[::700], expected, rtol=0, atol=3e-4)
+    np.testing.assert_allclose(distance_of_arms(first, second)[::150], expected, rtol=0, atol=3e-4)
 
 
 def test_an_arm_that_was_placed_too_low_is_found(episode):
