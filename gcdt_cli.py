@@ -11,6 +11,9 @@ from pathlib import Path
 from typing import Any
 
 RECORD_EXAMPLE = "example: gcdt record --task NeedlePick --episodes 100 --seed 0 --root datasets/needle_pick"
+RECORD_TELEOP_EXAMPLE = (
+    "your own episodes: gcdt record --teleop keyboard --task NeedlePick --episodes 5 --root datasets/mine"
+)
 RECORD_ALL_EXAMPLE = "all of the published datasets: gcdt record --all --root datasets"
 IMPORT_EXAMPLE = "example: gcdt import data_NeedlePickRL-v0_random_200.npz --task NeedlePick --root datasets/imported"
 MERGE_EXAMPLE = "example: gcdt merge datasets/needle_pick datasets/peg_transfer --root datasets/surrol_cross_task"
@@ -49,7 +52,7 @@ def _add_record(commands: Any) -> None:
     record = commands.add_parser(
         "record",
         help="record demonstrations of a scripted expert as a LeRobot dataset",
-        epilog=f"{RECORD_EXAMPLE}; {RECORD_ALL_EXAMPLE}",
+        epilog=f"{RECORD_EXAMPLE}; {RECORD_TELEOP_EXAMPLE}; {RECORD_ALL_EXAMPLE}",
     )
     what = record.add_mutually_exclusive_group(required=True)
     what.add_argument("--task", help="name of the task, such as NeedlePick or my_module:MyTask")
@@ -79,6 +82,12 @@ def _add_record(commands: Any) -> None:
         type=float,
         metavar="BETA",
         help="with --policy: probability that a step of its part executes the expert's action (default 0)",
+    )
+    record.add_argument(
+        "--teleop",
+        choices=("keyboard", "keyboard_ee", "gamepad"),
+        help="act yourself, in a window, in the expert's place: with a teleoperator of LeRobot's "
+        "(needs lerobot[core_scripts])",
     )
     record.add_argument(
         "--fields",
@@ -285,6 +294,14 @@ def _check_tasks(names: list[str]) -> None:
         surrol_gym.find_task(name)
 
 
+def _check_window(task: str) -> None:
+    """Raises ValueError where no window can be opened, before anything slow is imported."""
+    from surrol_gym.registry import env_class
+
+    if "human" not in env_class(task).metadata["render_modes"]:
+        raise ValueError("--teleop shows the scene in a window, and there is no display: DISPLAY is not set.")
+
+
 def _check_folder(folder: Path, remedy: str) -> None:
     """Raises FileNotFoundError for a missing folder, before anything slow is imported."""
     if not folder.exists():
@@ -297,6 +314,10 @@ def _record(options: argparse.Namespace) -> None:
         raise ValueError("--policy acts in the recording of a single task; name it with --task instead of --all.")
     if options.mix is not None and not options.policy:
         raise ValueError(f"--mix {options.mix:g} needs a policy to mix with: --policy.")
+    if options.teleop and (options.all or options.policy or options.disturb):
+        raise ValueError("--teleop lets a person act alone, in a single task; leave out --all, --policy and --disturb.")
+    if options.teleop:
+        _check_window(options.task)
 
     from lerobot_gcdt.recording import record
     from lerobot_gcdt.recording.collection import PUBLISHED_DISTURB, record_all
@@ -305,10 +326,14 @@ def _record(options: argparse.Namespace) -> None:
 
     extras = Extras(options.fields, options.cameras, options.camera_size)
     if not options.all:
-        learner = _learner(options.policy, options.task, options.mix or 0.0) if options.policy else None
-        record(
-            options.task, options.episodes, options.seed, options.root, options.disturb or 0.0, extras, learner=learner
-        )
+        who = {}
+        if options.policy:
+            who = {"learner": _learner(options.policy, options.task, options.mix or 0.0)}
+        if options.teleop:
+            from lerobot_gcdt.robot.person import seat
+
+            who = {"person": seat(options.teleop, options.task)}
+        record(options.task, options.episodes, options.seed, options.root, options.disturb or 0.0, extras, **who)
         return
     disturb = PUBLISHED_DISTURB if options.disturb is None else options.disturb
     roots = record_all(options.root, options.episodes, options.seed, disturb, extras, options.workers)

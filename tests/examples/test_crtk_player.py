@@ -33,12 +33,9 @@ class Frame:
         return Frame(self.M.inv(), -self.M.inv().apply(self.p))
 
 
-def diff(one, other):
-    vector = (other.M * one.M.inv()).as_rotvec()
-    return SimpleNamespace(
-        vel=SimpleNamespace(Norm=lambda: np.linalg.norm(other.p - one.p)),
-        rot=SimpleNamespace(Norm=lambda: np.linalg.norm(vector)),
-    )
+def equal(one, other, epsilon):
+    off = np.abs(one.M.as_matrix() - other.M.as_matrix()).max(), np.abs(one.p - other.p).max()
+    return max(off) < epsilon
 
 
 def rotation(*numbers):
@@ -52,13 +49,18 @@ class Robot:
     """Two arms and what happens to them; time passes only where somebody sleeps."""
 
     def __init__(self):
-        self.now, self.base, self.state = 0.0, Frame(Rotation.identity(), np.zeros(3)), "ENABLED"
+        self.now, self.base, self.state = 100.0, Frame(Rotation.identity(), np.zeros(3)), "ENABLED"
         self.commands, self.answers, self.key_at, self.silent_from = [], ["yes", "yes"], np.inf, np.inf
-        self.fault_at = np.inf
+        self.fault_at = self.invalid_from = self.lost_at = np.inf
 
     def sleep(self, seconds):
         assert seconds < TIMEOUT, "the arm would end its motion"
         self.now += seconds
+
+    def measure(self):
+        if self.now >= self.lost_at:
+            raise TimeoutError("no message for 0.25 s")
+        return None, 0.0 if self.now >= self.invalid_from else 1 + min(self.now, self.silent_from)
 
     def pressed(self):
         return self.now >= self.key_at
@@ -79,10 +81,9 @@ class Robot:
 
         start = Frame(Rotation.from_euler("x", 2), np.array([0.01, 0.02, -0.1]))
         return SimpleNamespace(
-            setpoint_cp=lambda: self.base * start,
-            local=SimpleNamespace(setpoint_cp=lambda: start),
-            # Every measurement has a stamp of its own, until the arm falls silent.
-            measured_cp=lambda extra: (start, 1 + min(self.now, self.silent_from)),
+            setpoint_cp=lambda: (self.base * start, 1 + self.now),
+            local=SimpleNamespace(setpoint_cp=lambda: (start, 1 + self.now)),
+            measured_cp=self.measure,
             operating_state=lambda: "FAULT" if self.now >= self.fault_at else self.state,
             move_cp=move("move_cp"),
             servo_cp=lambda goal: send("servo_cp", goal),
@@ -114,7 +115,7 @@ def robot(monkeypatch):
     for name, content in {
         "crtk": {"ral": Ral},
         "dvrk": {"psm": lambda ral, name: robot.psm(SimpleNamespace(connected=None), name)},
-        "PyKDL": {"Frame": Frame, "Rotation": rotation, "Vector": lambda *numbers: np.array(numbers), "diff": diff},
+        "PyKDL": {"Frame": Frame, "Rotation": rotation, "Vector": lambda *numbers: np.array(numbers), "Equal": equal},
     }.items():
         module = ModuleType(name)
         vars(module).update(content)
@@ -142,7 +143,7 @@ def test_it_approaches_and_plays_all_set_points_of_both_arms(robot, file, trajec
     for arm, points in trajectory.arms.items():
         kinds = [kind for _, name, kind, _ in robot.commands if name == arm]
         assert kinds[:4] == ["move_cp", "arrived", "jaw/move_jp", "arrived"]
-        assert kinds[4:] == ["servo_cp", "jaw/servo_jp"] * len(trajectory.time)
+        assert kinds[4:] == [*["servo_cp", "jaw/servo_jp"] * len(trajectory.time), "hold"]
         [(_, start)] = robot.sent("move_cp", arm)
         np.testing.assert_allclose(start.p, points.position[0])
         goals = [goal for _, goal in robot.sent("servo_cp", arm)]
@@ -198,28 +199,56 @@ def test_it_asks_twice(robot, file, run_example):
 def check_stopped(robot, seconds):
     last = [(name, kind) for _, name, kind, _ in robot.commands[-2:]]
     assert last == [("PSM1", "hold"), ("PSM2", "hold")]
-    assert robot.now == pytest.approx(seconds, abs=0.11)
+    assert robot.now == pytest.approx(seconds, abs=0.2)  # two set-points
 
 
 def test_a_key_stops_both_arms(robot, file, run_example):
-    robot.key_at = 2.0
+    robot.key_at = 102.0
     with pytest.raises(SystemExit, match="a key"):
         run_example("crtk_player", file, "--speed=0.5")
-    check_stopped(robot, 2.0)
+    check_stopped(robot, 102.0)
 
 
-def test_an_arm_that_falls_silent_stops_both_arms(robot, file, run_example):
-    robot.silent_from = 2.0
-    with pytest.raises(SystemExit, match="PSM1 is not heard"):
+@pytest.mark.parametrize("trouble", ["silent_from", "invalid_from"])
+def test_an_arm_that_tells_nothing_new_stops_both_arms(robot, file, run_example, trouble):
+    setattr(robot, trouble, 102.0)
+    with pytest.raises(SystemExit, match="PSM1 is silent"):
         run_example("crtk_player", file, "--speed=0.5")
-    check_stopped(robot, 2.0 + TIMEOUT)
+    check_stopped(robot, 102.0 + TIMEOUT)
+
+
+def test_an_arm_that_tells_nothing_from_the_start_is_not_played(robot, file, run_example):
+    robot.invalid_from = 0.0
+    with pytest.raises(SystemExit, match="set-point 0: PSM1 is silent"):
+        run_example("crtk_player", file, "--speed=0.5")
+    assert not robot.sent("servo_cp")
+
+
+@pytest.mark.parametrize("error", [TimeoutError, KeyboardInterrupt])
+def test_whatever_ends_the_program_stops_both_arms(robot, file, run_example, monkeypatch, error):
+    def fail(*_):
+        if robot.now >= 102.0:
+            raise error
+        return [], [], []
+
+    monkeypatch.setattr("select.select", fail)
+    with pytest.raises(error):
+        run_example("crtk_player", file, "--speed=0.5")
+    check_stopped(robot, 102.0)
+
+
+def test_a_client_that_complains_of_old_measurements_stops_both_arms(robot, file, run_example):
+    robot.lost_at = 102.0
+    with pytest.raises(TimeoutError):
+        run_example("crtk_player", file, "--speed=0.5")
+    check_stopped(robot, 102.0)
 
 
 def test_a_fault_stops_both_arms(robot, file, run_example):
-    robot.fault_at = 2.0
+    robot.fault_at = 102.0
     with pytest.raises(SystemExit, match="not enabled"):
         run_example("crtk_player", file, "--speed=0.5")
-    check_stopped(robot, 2.0)
+    check_stopped(robot, 102.0)
 
 
 @pytest.mark.parametrize("speed", [0.4, 1.5, -1, 0], ids=["commands would time out", "too fast", "backwards", "none"])
