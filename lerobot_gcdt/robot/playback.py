@@ -73,7 +73,7 @@ def action_to(mounts: tuple[Mount, ...], observation: np.ndarray, joints: np.nda
     Returns:
         The action, (5 * A,). Where it is beyond [-1, 1], getting there takes more than one step.
     """
-    measured = np.reshape(observation[: 7 * len(mounts)], (-1, 7)).astype(np.float64)
+    measured: np.ndarray = np.reshape(observation[: 7 * len(mounts)], (-1, 7)).astype(np.float64)
     numbers = []
     for mount, now, target, jaw in zip(mounts, measured, joints, jaws, strict=True):
         rcm = mount.rcm()
