@@ -326,13 +326,11 @@ def _record(options: argparse.Namespace) -> None:
 
     extras = Extras(options.fields, options.cameras, options.camera_size)
     if not options.all:
-        who = {}
-        if options.policy:
-            who = {"learner": _learner(options.policy, options.task, options.mix or 0.0)}
+        who = {"learner": _learner(options.policy, options.task, options.mix or 0.0) if options.policy else None}
         if options.teleop:
             from lerobot_gcdt.robot.person import seat
 
-            who = {"person": seat(options.teleop, options.task)}
+            who["person"] = seat(options.teleop, options.task)
         record(options.task, options.episodes, options.seed, options.root, options.disturb or 0.0, extras, **who)
         return
     disturb = PUBLISHED_DISTURB if options.disturb is None else options.disturb

@@ -44,7 +44,7 @@ def display():
 def on_display(display):
     """Runs a script of the tests on the virtual display; returns what it printed."""
 
-    def run(script, *arguments, timeout=120, **variables):
+    def run(script, *arguments, timeout=600, **variables):
         done = subprocess.run(
             [sys.executable, script, *map(str, arguments)],
             capture_output=True,

@@ -1,4 +1,4 @@
-"""A scripted person, who looks at the scene and presses keys of the X server's keyboard, as ``xdotool`` does for them.
+"""A scripted person, who looks at the scene and taps keys of the X server's keyboard, as ``xdotool`` does for them.
 
 What a hand does is decided by the scripted expert's law, as coarsely as keys allow; the actions come from the keys.
 """
@@ -31,7 +31,7 @@ class Watched(gym.Wrapper):
 
 
 class Person(threading.Thread):
-    """Presses keys until it is told to stop.
+    """Taps keys until the end.
 
     Args:
         env: A ``Watched`` environment of one arm.
@@ -39,24 +39,20 @@ class Person(threading.Thread):
 
     def __init__(self, env):
         super().__init__(daemon=True)
-        self._env, self._expert, self._leaves = env, surrol_gym.make_expert(env), threading.Event()
+        self._env, self._expert = env, surrol_gym.make_expert(env)
         self._jaws = -1.0
 
     def run(self):
-        while not self._leaves.is_set():
+        while True:
             if self._env.seen is None:
                 time.sleep(0.02)
                 continue
-            action = self._expert.act(self._env.seen)
-            before, keys = self._env.steps, self._keys(action)
-            xdotool("keydown", keys)
-            while self._env.steps == before and not self._leaves.wait(0.005):
-                pass
-            xdotool("keyup", keys[::-1])
-
-    def leave(self):
-        self._leaves.set()
-        self.join()
+            before = self._env.steps
+            tap(self._keys(self._expert.act(self._env.seen)))
+            for _ in range(100):  # a second; then the key was not heard, or meant nothing
+                if self._env.steps != before:
+                    break
+                time.sleep(0.01)
 
     def _keys(self, action):
         if np.sign(action[4]) != self._jaws:
@@ -68,5 +64,20 @@ class Person(threading.Thread):
         return (["shift"] if size == FINE else []) + (keys or ["r"])
 
 
-def xdotool(what, keys):
-    subprocess.run(["xdotool", *(word for key in keys for word in (what, key))], check=True)
+def hold(keys):
+    """Presses keys."""
+    _xdotool(*(word for key in keys for word in ("keydown", key)))
+
+
+def let_go(keys):
+    """Releases keys."""
+    _xdotool(*(word for key in keys for word in ("keyup", key)))
+
+
+def tap(keys):
+    """Presses keys together and lets them go at once, which is a single step however busy the machine is."""
+    _xdotool(*(word for key in keys for word in ("keydown", key)), *(word for key in keys for word in ("keyup", key)))
+
+
+def _xdotool(*words):
+    subprocess.run(["xdotool", *words], check=True)

@@ -225,7 +225,7 @@ def _make(
 ) -> None:
     """Records what is missing among the finished episodes, and builds the dataset."""
     _prepare_parts(wanted, parts)
-    env = gym.make(wanted.env_id, render_mode="human" if person else None)
+    env = gym.make(wanted.env_id, render_mode="human" if person and person.window else None)
     try:
         kept = _record_episodes(env, wanted, parts, on_episode, learner, person)
         facts = wanted.facts() | {

@@ -17,10 +17,12 @@ class Person:
     Attributes:
         name: What ``meta/surrol.json`` calls the teleoperator.
         command: What they command at any moment.
+        window: Whether a window shows them the scene.
     """
 
     name: str
     command: Command
+    window: bool = True
 
     def run_episode(self, env: gym.Env, seed: int, extras: Extras) -> dict[str, np.ndarray]:
         """Lets the person act out one episode, until the goal has been held for a second.

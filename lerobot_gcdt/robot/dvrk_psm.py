@@ -230,7 +230,7 @@ class _Arm:
         self._limits = mount.limits()
 
     def to_robot(self, position: np.ndarray, euler: Any) -> np.ndarray:
-        """Returns the tool tip's pose, (4, 4), metres, for link 5's position, su, and its Euler angles, world frame."""
+        """Returns the tool tip's pose, (4, 4), metres, for position, su, and Euler angles of link 5, world frame."""
         on_table = np.eye(4)
         rotation = euler_to_matrix(euler)
         on_table[:3, :3] = rotation @ TIP_AXES

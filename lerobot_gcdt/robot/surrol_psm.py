@@ -57,9 +57,12 @@ class SurRoLPSM(Robot):
         self.cameras: dict[str, None] = dict.fromkeys(config.camera_names())
         """By name; LeRobot's commands count them."""
         self._env: gym.Env | None = None
+        self._seen: Observation = {}
+        self._steps, self._held = 0, False
+        self._reached: int | None = None
 
     @property
-    def observation_features(self) -> dict[str, type | tuple]:
+    def observation_features(self) -> dict[str, Any]:
         """The numbers of ``observation_names``, and a picture of each camera."""
         size = self.config.camera_size
         return dict.fromkeys(observation_names(self._class), float) | dict.fromkeys(self.cameras, (size, size, 3))
@@ -95,7 +98,7 @@ class SurRoLPSM(Robot):
     def get_observation(self) -> dict[str, Any]:
         """Returns what is seen at this moment."""
         size = self.config.camera_size
-        pictures = {camera: unwrapped(self._env).picture(camera, size, size) for camera in self.cameras}
+        pictures = {camera: unwrapped(self._scene).picture(camera, size, size) for camera in self.cameras}
         return observation_numbers(self._class, self._seen) | pictures
 
     @check_if_not_connected
@@ -118,7 +121,7 @@ class SurRoLPSM(Robot):
         numbers = self._reader.read(action)
         if self._steps < len(self._disturbance):
             numbers = numbers + self._disturbance[self._steps]
-        self._seen, _, _, _, info = self._env.step(numbers)
+        self._seen, _, _, _, info = self._scene.step(numbers)
         self._steps += 1
         self._held = info["is_success"]
         if self._held and self._reached is None:
@@ -131,12 +134,17 @@ class SurRoLPSM(Robot):
     def disconnect(self) -> None:
         """Says how the episode ended, and closes the scene."""
         self._tell()
-        self._env.close()
+        self._scene.close()
         self._env = None
+
+    @property
+    def _scene(self) -> gym.Env:
+        assert self._env  # all that need it are refused while there is no connection
+        return self._env
 
     def _begin(self) -> None:
         self._reader.reset()
-        self._seen: Observation = self._env.reset(seed=self._seed)[0]
+        self._seen = self._scene.reset(seed=self._seed)[0]
         self._steps, self._reached, self._held = 0, None, False
 
     def _tell(self) -> None:

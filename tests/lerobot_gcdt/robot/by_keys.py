@@ -11,13 +11,14 @@ from pathlib import Path
 
 import gymnasium as gym
 from lerobot.scripts import lerobot_record, lerobot_teleoperate
-from person import Person, Watched, xdotool
+from person import Person, Watched, hold, let_go, tap
 
 import gcdt_cli
 from lerobot_gcdt.robot.surrol_psm import SurRoLPSM
 
 FOLDER = Path(sys.argv[1])
 ROBOT = ("--robot.type=surrol_psm", "--robot.task=NeedlePick", "--robot.seed=3")
+SEND = SurRoLPSM.send_action
 KEYBOARD = ("--teleop.type=psm_keyboard", "--teleop.task=NeedlePick")
 
 
@@ -26,21 +27,32 @@ def run(main, *arguments):
     main()
 
 
-def at_start(*keys):
-    """Holds keys down for a second as soon as the robot has taken its first steps; gives what it observed at last."""
-    seen, send = [], SurRoLPSM.send_action
+def move(*keys, then):
+    """Holds keys down for some steps of the robot, and then calls ``then``; gives what the robot observed.
+
+    Nothing here waits for a time, so it does not matter how busy the machine is.
+    """
+    seen, ended = [], threading.Event()
 
     def watched(robot, action):
-        sent = send(robot, action)
+        sent = SEND(robot, action)
         seen.append(robot.get_observation())
+        if ended.is_set():
+            raise KeyboardInterrupt  # by which a person ends lerobot-teleoperate
         return sent
 
+    def after(steps):
+        end = len(seen) + steps
+        while len(seen) < end:
+            time.sleep(0.01)
+
     def press():
-        while len(seen) < 2:
-            time.sleep(0.02)
-        xdotool("keydown", keys)
-        time.sleep(1.0)
-        xdotool("keyup", keys[::-1])
+        after(2)
+        hold(keys)
+        after(4)
+        let_go(keys)
+        after(2)
+        then(ended)
 
     SurRoLPSM.send_action = watched
     threading.Thread(target=press, daemon=True).start()
@@ -52,26 +64,20 @@ def moved(seen):
 
 
 told = {}
-teleoperate = (lerobot_teleoperate.main, *ROBOT, "--fps=5", "--teleop_time_s=2.5")
-original = SurRoLPSM.send_action
-
-seen = at_start("s", "q", "v")
-run(*teleoperate, *KEYBOARD)
+seen = move("s", "q", "v", then=threading.Event.set)
+run(lerobot_teleoperate.main, *ROBOT, "--fps=5", *KEYBOARD)
 told["psm_keyboard"] = moved(seen)
-SurRoLPSM.send_action = original
 
-seen = at_start("Down", "Left", "Control_R")
-run(*teleoperate, "--teleop.type=keyboard_ee")
+seen = move("Down", "Left", "Control_R", then=threading.Event.set)
+run(lerobot_teleoperate.main, *ROBOT, "--fps=5", "--teleop.type=keyboard_ee")
 told["keyboard_ee"] = moved(seen)
-SurRoLPSM.send_action = original
 
-at_start("s", "d")
+move("s", "d", then=lambda _: tap(["Right"]))  # by which a person ends an episode of lerobot-record
 run(
     *(lerobot_record.main, *ROBOT, *KEYBOARD, "--dataset.repo_id=local/by_hand", "--dataset.fps=5"),
     *(f"--dataset.root={FOLDER / 'by_hand'}", "--dataset.single_task=Pick up the needle.", "--dataset.num_episodes=1"),
-    *("--dataset.episode_time_s=2", "--dataset.push_to_hub=false", "--play_sounds=false"),
+    *("--dataset.episode_time_s=300", "--dataset.push_to_hub=false", "--play_sounds=false"),
 )
-SurRoLPSM.send_action = original
 
 
 def make(*arguments, make=gym.make, **options):
@@ -82,7 +88,7 @@ def make(*arguments, make=gym.make, **options):
 
 gym.make = make
 gcdt_cli.main(
-    ["record", "--teleop", "keyboard", "--task", "NeedlePick", "--episodes", "1", "--seed", "3", "--root"]
+    ["record", "--teleop", "keyboard", "--task", "NeedlePick", "--episodes", "1", "--seed", "15", "--root"]
     + [str(FOLDER / "human")]
 )
 (FOLDER / "told.json").write_text(json.dumps(told))

@@ -19,7 +19,7 @@ def folder(on_display, tmp_path_factory):
     if not find_spec("pynput"):
         pytest.skip("pynput is not installed (lerobot[core_scripts])")
     folder = tmp_path_factory.mktemp("by_keys")
-    on_display(HERE / "by_keys.py", folder, timeout=300, HF_LEROBOT_HOME=folder / "home")
+    on_display(HERE / "by_keys.py", folder, timeout=600, HF_LEROBOT_HOME=folder / "home")
     return folder
 
 
@@ -57,7 +57,7 @@ def human(folder):
 def test_gcdt_record_marks_the_episode_as_a_humans(folder, human):
     facts = json.loads((folder / "human/meta/surrol.json").read_text())
     assert facts["human"] == "keyboard"
-    assert (facts["env_id"], facts["seeds"], facts["frames"]) == ("surrol/NeedlePick-v0", [3], len(human["action"]))
+    assert (facts["env_id"], facts["seeds"], facts["frames"]) == ("surrol/NeedlePick-v0", [15], len(human["action"]))
 
 
 def test_the_humans_episode_picks_the_needle_and_holds_the_goal(human):
@@ -71,13 +71,13 @@ def test_time_to_goal_counts_down_to_the_humans_success(human):
 
 
 def test_actions_are_those_that_keys_can_make(human):
-    assert set(np.round(np.abs(human["action"][:, :4]), 6).ravel().tolist()) <= {0.0, 0.1, 0.5}
+    assert set(np.round(np.abs(human["action"][:, :4]).astype(float), 6).ravel().tolist()) <= {0.0, 0.1, 0.5}
     assert not human["disturbance"].any()
 
 
 def test_the_humans_episode_replays_to_the_same_numbers(human):
     env = gym.make("surrol/NeedlePick-v0")
-    observation, _ = env.reset(seed=3)
+    observation, _ = env.reset(seed=15)
     for t, action in enumerate(human["action"]):
         np.testing.assert_array_equal(observation["observation"], human["observation.state"][t])
         np.testing.assert_array_equal(observation["desired_goal"], human["observation.goal"][t])
