@@ -12,7 +12,7 @@ from itertools import product
 
 import numpy as np
 
-LOST, LONGEST_PERIOD, NEAR = 0.25, 0.1, 1e-3  # s without a measurement; s between set-points; m between base frames
+LOST, LONGEST_PERIOD = 0.25, 0.1  # seconds: without a measurement, which ends the motion; between two set-points
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -47,12 +47,11 @@ def play(arms: dict, file: dict, period: float) -> None:
 
     poses, heard = {}, dict.fromkeys(arms, (0.0, 0.0))
     for name, arm in arms.items():
-        base = kdl.Frame(kdl.Rotation(*file[f"{name}_base"][:3, :3].flat), kdl.Vector(*file[f"{name}_base"][:3, 3]))
-        if not kdl.Equal(arm.setpoint_cp()[0] * arm.local.setpoint_cp()[0].Inverse(), base, NEAR):
-            sys.exit(f"The base frame of {name} is not that of the trajectory. Nothing was moved.")
-        if "ENABLED" not in arm.operating_state():
-            sys.exit(f"{name} is {arm.operating_state()}; home and enable it at the console. Nothing was moved.")
+        (there, stamp), (local, local_stamp) = arm.setpoint_cp(), arm.local.setpoint_cp()
+        if 0 in (stamp, local_stamp) or "ENABLED" not in arm.operating_state():
+            sys.exit(f"{name} is {arm.operating_state()}, or has no valid pose. Home and enable it. Nothing was moved.")
         pairs = zip(file[f"{name}_position"].tolist(), file[f"{name}_quaternion"].tolist(), strict=True)
+        base = there * local.Inverse()  # the arm's base frame, whichever was set
         poses[name] = [base * kdl.Frame(kdl.Rotation.Quaternion(*turn), kdl.Vector(*at)) for at, turn in pairs]
     if input("Approach the start? Type yes: ") != "yes":
         sys.exit("Nothing was moved.")

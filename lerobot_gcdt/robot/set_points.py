@@ -58,6 +58,7 @@ class Trajectory:
         rate: Set-points a second.
         knots: Index of the set-point at the start of the episode and at the end of each step, (T + 1,).
         frame: Name of the frame of ``SetPoints.base``.
+        no_go: Boxes that no arm may enter: lowest and highest corner in the table frame, (B, 2, 3), metres.
         arms: For each arm its set-points.
     """
 
@@ -68,6 +69,7 @@ class Trajectory:
     rate: float
     knots: np.ndarray
     frame: str
+    no_go: np.ndarray
     arms: dict[str, SetPoints]
 
     @property
@@ -122,7 +124,9 @@ def interpolate(
             break
         samples = np.ceil(samples * np.clip(stretch, 1, LARGEST_STRETCH))
     success = bool(episode.success[-1])
-    return Trajectory(episode.task, episode.seed, episode.source, success, rate, knots, placement.frame, arms)
+    return Trajectory(
+        episode.task, episode.seed, episode.source, success, rate, knots, placement.frame, placement.no_go, arms
+    )
 
 
 def tip_pose(joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

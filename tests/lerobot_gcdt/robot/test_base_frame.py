@@ -1,4 +1,6 @@
 import json
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -7,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from lerobot_gcdt.robot.base_frame import TABLE_ORIGIN, read_placement, simulated
 from lerobot_gcdt.robot.set_points import interpolate
 
+ROOT = Path(__file__).parents[3]
 TILTED = Rotation.from_euler("xyz", (190, 10, 30), degrees=True).as_matrix()
 
 
@@ -94,17 +97,33 @@ def sheared(matrix):
             lambda m: {"table": np.eye(4), "PSM1": np.linalg.inv(m["PSM1"]) @ m["table"]},
             "PSM1 is at .* not the other way round",
         ),
-        (lambda m: {"psm2": m["PSM1"]}, "psm2; known are frame, table, PSM1 and PSM2"),
+        (lambda m: {"psm2": m["PSM1"]}, "psm2; known are frame, table, PSM1, PSM2 and no_go"),
+        (lambda m: {"no_go": [[0, 0, 0], [1, 1, 1]]}, "no_go in .* two corners"),
+        (lambda m: {"no_go": "all"}, "no_go in .* two corners"),
         (lambda m: {"frame": None}, "name the frame"),
     ],
     ids=[
         *("scaled", "axes swapped", "mirrored", "sheared", "transposed", "three rows", "no numbers", "not finite"),
-        *("millimetres", "inverted", "unknown key", "no frame"),
+        *("millimetres", "inverted", "unknown key", "one box without a list", "no box", "no frame"),
     ],
 )
 def test_what_is_no_pose_is_an_error_that_says_what_it_is(measured, write, change, told):
     with pytest.raises(ValueError, match=told):
         read_placement(write(measured | change(measured)), ("PSM1",))
+
+
+def test_no_go_boxes_are_given_by_any_two_opposite_corners(episode, measured, write):
+    path = write(measured | {"no_go": [[[0.1, 0, 0.2], [0, 0.1, 0]]]})
+    found = interpolate(episode, read_placement(path, ("PSM1",)), rate=5)
+    np.testing.assert_array_equal(found.no_go, [[[0, 0, 0], [0.1, 0.1, 0.2]]])
+
+
+def test_the_file_that_the_documentation_shows_is_one(episode, tmp_path):
+    [shown] = re.findall(r"```json\n(.*?)```", (ROOT / "docs/dvrk.md").read_text(), re.DOTALL)
+    (tmp_path / "base.json").write_text(shown)
+    found = read_placement(tmp_path / "base.json", ("PSM1",))
+    np.testing.assert_allclose(found.rcm["PSM1"], simulated(episode.mounts).rcm["PSM1"], atol=1e-4)
+    assert found.frame == "camera" and len(found.no_go) == 1
 
 
 def test_a_missing_arm_is_named(measured, write):

@@ -8,7 +8,7 @@ import pytest
 
 from lerobot_gcdt.robot.base_frame import Placement, simulated
 from lerobot_gcdt.robot.limits import PSM
-from lerobot_gcdt.robot.safety import check, distance_of_arms
+from lerobot_gcdt.robot.safety import check, distance_from_box, distance_of_arms
 from lerobot_gcdt.robot.set_points import interpolate
 from surrol_gym.psm.kinematics import JOINT_NAMES
 
@@ -109,6 +109,25 @@ def test_arms_that_are_too_near_are_found(two_arms):
     assert found.quantity == "distance"
     assert -0.003 < found.value <= 0.0006
     assert "PSM1-PSM2, step" in found.describe()
+
+
+def test_an_arm_in_a_no_go_box_is_found_and_named(trajectory):
+    points = trajectory.arms["PSM1"]
+    tip = points.in_frame(points.rcm)[0][trajectory.knots[STEP]]
+    far, here = np.array([tip + 0.5, tip + 0.6]), np.array([tip - 0.001, tip + 0.001])
+    report = check(replace(trajectory, no_go=np.array([far, here])))
+    [found] = report.broken
+    assert (found.arm, found.quantity) == ("PSM1", "distance from no-go box 2")
+    assert STEP in found.steps and found.value < 0
+
+
+def test_the_shaft_counts_for_a_no_go_box_too(trajectory):
+    points = trajectory.arms["PSM1"]
+    rcm, tips = points.rcm[:3, 3], points.in_frame(points.rcm)[0]
+    # 20 mm below the RCM, the shaft is 4.2 mm from its axis, which a box 10 mm beside is 5.8 mm from, or less.
+    shaft = rcm + (tips[0] - rcm) * 0.02 / np.linalg.norm(tips[0] - rcm)
+    box = np.array([shaft + (0.010, -0.001, -0.001), shaft + (0.020, 0.001, 0.001)])
+    assert 0.003 < distance_from_box(points, box)[0] < 0.0065
 
 
 def test_the_distance_of_arms_is_that_of_their_points(two_arms):
