@@ -1,7 +1,6 @@
 """Plays a trajectory of `gcdt export-dvrk` on a da Vinci Research Kit, over its CRTK client.
 
 No real robot was ever moved with this: read docs/dvrk.md first. All but a dry run needs ROS with crtk, dvrk and PyKDL.
-
 python3 examples/crtk_player.py outputs/peg_transfer_dvrk/trajectory.npz --speed 0.2 --dry_run
 """
 
@@ -14,7 +13,6 @@ from itertools import product
 import numpy as np
 
 LOST, LONGEST_PERIOD = 0.25, 0.1  # seconds: without a measurement, which ends the motion; between two set-points
-NEAR = 1e-3  # metres and radians by which base frames may differ
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -47,15 +45,13 @@ def main(arguments: list[str] | None = None) -> None:
 def play(arms: dict, file: dict, period: float) -> None:
     import PyKDL as kdl
 
-    poses, heard = {}, dict.fromkeys(arms, (None, 0.0))
+    poses, heard = {}, dict.fromkeys(arms, (0.0, 0.0))
     for name, arm in arms.items():
-        base = kdl.Frame(kdl.Rotation(*file[f"{name}_base"][:3, :3].flat), kdl.Vector(*file[f"{name}_base"][:3, 3]))
-        off = kdl.diff(arm.setpoint_cp() * arm.local.setpoint_cp().Inverse(), base)
-        if max(off.vel.Norm(), off.rot.Norm()) > NEAR:
-            sys.exit(f"The base frame of {name} is not that of the trajectory. Nothing was moved.")
-        if arm.operating_state() != "ENABLED":
-            sys.exit(f"{name} is {arm.operating_state()}; home and enable it at the console. Nothing was moved.")
+        (there, stamp), (local, local_stamp) = arm.setpoint_cp(), arm.local.setpoint_cp()
+        if 0 in (stamp, local_stamp) or "ENABLED" not in arm.operating_state():
+            sys.exit(f"{name} is {arm.operating_state()}, or has no valid pose. Home and enable it. Nothing was moved.")
         pairs = zip(file[f"{name}_position"].tolist(), file[f"{name}_quaternion"].tolist(), strict=True)
+        base = there * local.Inverse()  # the arm's base frame, whichever was set
         poses[name] = [base * kdl.Frame(kdl.Rotation.Quaternion(*turn), kdl.Vector(*at)) for at, turn in pairs]
     if input("Approach the start? Type yes: ") != "yes":
         sys.exit("Nothing was moved.")
@@ -64,17 +60,19 @@ def play(arms: dict, file: dict, period: float) -> None:
         arm.jaw.move_jp(file[f"{name}_jaw"][:1]).wait()
     if input("Play? The enter key stops. Type yes: ") != "yes":
         sys.exit("The arms stay at the start.")
-    for index in range(len(file["time"])):
-        for name, arm in arms.items():
-            stamp, now = arm.measured_cp(extra=True)[1], time.monotonic()
-            heard[name] = (stamp, now) if stamp != heard[name][0] else heard[name]
-            key = select.select([sys.stdin], [], [], 0)[0]
-            if key or now - heard[name][1] > LOST or arm.operating_state() != "ENABLED":
-                [other.hold() for other in arms.values()]
-                sys.exit(f"Stopped at set-point {index}: {'a key' if key else f'{name} is not heard, or not enabled'}.")
-            arm.servo_cp(poses[name][index])
-            arm.jaw.servo_jp(file[f"{name}_jaw"][index : index + 1])
-        time.sleep(period)  # never catches up, so that nothing is faster than it was checked for
+    try:
+        for index in range(len(file["time"])):
+            for name, arm in arms.items():
+                stamp, now = arm.measured_cp()[1], time.monotonic()  # 0 if invalid; a TimeoutError if too old
+                heard[name] = heard[name] if stamp in (0, heard[name][0]) else (stamp, now)
+                key, lost = select.select([sys.stdin], [], [], 0)[0], now - heard[name][1] > LOST
+                if key or lost or "ENABLED" not in arm.operating_state():
+                    sys.exit(f"Stopped at set-point {index}: {'a key' if key else f'{name} is silent or not enabled'}.")
+                arm.servo_cp(poses[name][index])
+                arm.jaw.servo_jp(file[f"{name}_jaw"][index : index + 1])
+            time.sleep(period)  # never catches up, so that nothing is faster than it was checked for
+    finally:
+        [arm.hold() for arm in arms.values()]
 
 
 if __name__ == "__main__":

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -33,11 +33,13 @@ class Placement:
         frame: Name of the frame that Cartesian set-points are given in, beside the RCM's.
         rcm: For each arm the pose of its RCM in the table frame, (4, 4), metres.
         base: For each arm the pose of its RCM in ``frame``, (4, 4), metres.
+        no_go: Boxes that no arm may enter: lowest and highest corner in the table frame, (B, 2, 3), metres.
     """
 
     frame: str
     rcm: dict[str, np.ndarray]
     base: dict[str, np.ndarray]
+    no_go: np.ndarray = field(default_factory=lambda: np.zeros((0, 2, 3)))
 
 
 def simulated(mounts: tuple[Mount, ...]) -> Placement:
@@ -54,7 +56,7 @@ def read_placement(path: str | Path, arms: tuple[str, ...]) -> Placement:
     Args:
         path: JSON file with ``frame``, a name; ``PSM1`` and ``PSM2``, the poses of the RCMs in that frame; and
             ``table``, that of the table frame. Poses are (4, 4) matrices, metres. Without ``table``, the frame is the
-            table frame.
+            table frame. ``no_go`` lists boxes, each by two opposite corners in the table frame.
         arms: Names of the arms that are needed.
 
     Returns:
@@ -70,8 +72,8 @@ def read_placement(path: str | Path, arms: tuple[str, ...]) -> Placement:
         raise ValueError(f"{path} is no JSON: {error}.") from None
     if not isinstance(measured, Mapping) or not isinstance(measured.get("frame"), str):
         raise ValueError(f'{path} must name the frame that was measured in, as in {{"frame": "camera", ...}}.')
-    if unknown := set(measured) - {"frame", "table", "PSM1", "PSM2"}:
-        raise ValueError(f"{path} holds {', '.join(sorted(unknown))}; known are frame, table, PSM1 and PSM2.")
+    if unknown := set(measured) - {"frame", "table", "PSM1", "PSM2", "no_go"}:
+        raise ValueError(f"{path} holds {', '.join(sorted(unknown))}; known are frame, table, PSM1, PSM2 and no_go.")
     if missing := [arm for arm in arms if arm not in measured]:
         raise ValueError(f"{path} lacks the pose of {', '.join(missing)}.")
     table = _pose(measured.get("table", np.eye(4)), f"table in {path}")
@@ -85,7 +87,7 @@ def read_placement(path: str | Path, arms: tuple[str, ...]) -> Placement:
                 f"above the table and within {FARTHEST} m. Are the lengths metres, and the poses those of the RCM in "
                 f"the frame {measured['frame']}, not the other way round?"
             )
-    return Placement(measured["frame"], rcm, base)
+    return Placement(measured["frame"], rcm, base, _boxes(measured.get("no_go", []), f"no_go in {path}"))
 
 
 def arm_names(count: int) -> tuple[str, ...]:
@@ -93,12 +95,24 @@ def arm_names(count: int) -> tuple[str, ...]:
     return tuple(f"PSM{number}" for number in range(1, count + 1))
 
 
+def _boxes(corners: Any, name: str) -> np.ndarray:
+    boxes = _numbers(corners) if corners else np.zeros((0, 2, 3))
+    if boxes.ndim != 3 or boxes.shape[1:] != (2, 3) or not np.isfinite(boxes).all():
+        raise ValueError(f"{name} must list boxes, each by two corners of 3 numbers.")
+    return np.stack([boxes.min(axis=1), boxes.max(axis=1)], axis=1)
+
+
+def _numbers(values: Any) -> np.ndarray:
+    """The values as an array, which is empty if they are none."""
+    try:
+        return np.array(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        return np.empty(0)
+
+
 def _pose(matrix: Any, name: str) -> np.ndarray:
     """Checks a measured pose, and mends the rounding of its rotation."""
-    try:
-        pose = np.array(matrix, dtype=np.float64)
-    except (TypeError, ValueError):
-        pose = np.empty(0)
+    pose = _numbers(matrix)
     if pose.shape != (4, 4) or not np.isfinite(pose).all():
         raise ValueError(f"{name} must be a matrix of 4 rows of 4 numbers.")
     if not np.allclose(pose[3], (0, 0, 0, 1), rtol=0, atol=1e-9):

@@ -21,7 +21,8 @@ class Limits:
         jaw_velocity: Highest speed of the jaws, radians a second.
         insertion: Insertion from which on the wrist is taken to be out of the cannula, metres.
         table: Lowest height of the jaw tips above the table, metres.
-        arms: Shortest distance between two arms' shafts and grippers, from surface to surface, metres.
+        arms: Shortest distance of an arm's shaft and gripper from those of the other arm, and from a no-go box, from
+            surface to surface, metres.
     """
 
     joints: tuple[tuple[float, float], ...] = (

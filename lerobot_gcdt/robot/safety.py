@@ -16,6 +16,9 @@ from surrol_gym.psm.kinematics import INSERTION_OFFSET, JAW_LENGTH, JOINT_NAMES
 SHAFT_RADIUS, GRIPPER_RADIUS = 0.0042, 0.0025
 """Of the instrument's shaft, and of its wrist with the jaws shut, metres (docs/dvrk.md#limits)."""
 
+POINTS = 81
+"""Points of a shaft that are held against a no-go box: at most 3 mm apart."""
+
 ROUNDING = 1e-6
 """What a quantity may be beyond its limit: a micrometre, a microradian."""
 
@@ -145,6 +148,9 @@ def check(trajectory: Trajectory, limits: Limits = PSM) -> Report:
     checks = []
     for arm, set_points in trajectory.arms.items():
         checks += [_held(trajectory, arm, *quantity) for quantity in _quantities(set_points, trajectory.rate, limits)]
+        for number, box in enumerate(trajectory.no_go, 1):
+            name = f"distance from no-go box {number}"
+            checks.append(_held(trajectory, arm, name, "m", distance_from_box(set_points, box), limits.arms, None))
     for (one, first), (other, second) in combinations(trajectory.arms.items(), 2):
         distance = distance_of_arms(first, second)
         checks.append(_held(trajectory, f"{one}-{other}", "distance", "m", distance, limits.arms, None))
@@ -152,13 +158,13 @@ def check(trajectory: Trajectory, limits: Limits = PSM) -> Report:
 
 
 def speeds(values: np.ndarray, rate: float) -> np.ndarray:
-    """Returns how fast values change from one set-point to the next; the last one stands still. Shape of ``values``."""
-    return np.diff(values, axis=0, append=values[-1:]) * rate
+    """Returns how fast values change on the way to each set-point, from rest. Shape of ``values``."""
+    return np.diff(values, axis=0, prepend=values[:1]) * rate
 
 
 def accelerations(values: np.ndarray, rate: float) -> np.ndarray:
     """Returns how fast the speed changes at each set-point, from rest and to rest. Shape of ``values``."""
-    return np.diff(speeds(values, rate), axis=0, prepend=np.zeros_like(values[:1])) * rate
+    return np.diff(speeds(values, rate), axis=0, append=np.zeros_like(values[:1])) * rate
 
 
 def height_of_tip(set_points: SetPoints) -> np.ndarray:
@@ -173,6 +179,26 @@ def distance_of_arms(first: SetPoints, second: SetPoints) -> np.ndarray:
         for *one, radius in _capsules(first)
         for *other, other_radius in _capsules(second)
     ]
+    return np.min(distances, axis=0)
+
+
+def distance_from_box(arm: SetPoints, box: np.ndarray) -> np.ndarray:
+    """Returns the distance of an arm's shaft and gripper from a box, looked at every few millimetres.
+
+    Args:
+        arm: The set-points of the arm.
+        box: Its lowest and highest corner in the table frame, (2, 3), metres.
+
+    Returns:
+        Distances, metres, (N,), negative inside of the box.
+    """
+    centre, half = box.mean(axis=0), np.ptp(box, axis=0) / 2
+    distances = []
+    for start, end, radius in _capsules(arm):
+        for share in np.linspace(0, 1, POINTS):
+            beyond = np.abs(start + share * (end - start) - centre) - half
+            outside = np.linalg.norm(np.maximum(beyond, 0), axis=-1)
+            distances.append(outside + np.minimum(beyond.max(axis=-1), 0) - radius)
     return np.min(distances, axis=0)
 
 

@@ -16,9 +16,6 @@ from surrol_gym.units import to_metres
 TRIES, LARGEST_STRETCH, MARGIN = 6, 4.0, 0.99
 """How often steps that are too fast are stretched, by how much at a time at most, and the share of a limit aimed at."""
 
-AGREEMENT = 1e-6
-"""Largest difference between a Cartesian set-point and the joints', metres and numbers of a rotation matrix."""
-
 
 @dataclass(frozen=True)
 class SetPoints:
@@ -61,6 +58,7 @@ class Trajectory:
         rate: Set-points a second.
         knots: Index of the set-point at the start of the episode and at the end of each step, (T + 1,).
         frame: Name of the frame of ``SetPoints.base``.
+        no_go: Boxes that no arm may enter: lowest and highest corner in the table frame, (B, 2, 3), metres.
         arms: For each arm its set-points.
     """
 
@@ -71,6 +69,7 @@ class Trajectory:
     rate: float
     knots: np.ndarray
     frame: str
+    no_go: np.ndarray
     arms: dict[str, SetPoints]
 
     @property
@@ -108,7 +107,7 @@ def interpolate(
         The trajectory. Whether it keeps to all limits is not looked at.
 
     Raises:
-        ValueError: The rate is too low, or a pose lies where the closed-form kinematics have no solution.
+        ValueError: The rate is too low.
     """
     if not rate * STEP >= 1:
         raise ValueError(f"The rate must be at least {1 / STEP:g} set-points a second, one a step; got {rate:g}.")
@@ -125,7 +124,9 @@ def interpolate(
             break
         samples = np.ceil(samples * np.clip(stretch, 1, LARGEST_STRETCH))
     success = bool(episode.success[-1])
-    return Trajectory(episode.task, episode.seed, episode.source, success, rate, knots, placement.frame, arms)
+    return Trajectory(
+        episode.task, episode.seed, episode.source, success, rate, knots, placement.frame, placement.no_go, arms
+    )
 
 
 def tip_pose(joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -157,7 +158,7 @@ def _arm(episode: Episode, number: int, placement: Placement, knots: np.ndarray,
         first * Rotation.from_rotvec(_monotone(knots, _turns(first.inv() * at_knots.rotation), at)),
     )
     local = RigidTransform.from_matrix(placement.rcm[arm]).inv() * on_table
-    joints = _joints(local, knots, arm)
+    joints = _joints(local)
     return SetPoints(
         local.translation,
         continuous(local.rotation.as_quat()),
@@ -191,21 +192,13 @@ def _turns(rotations: Rotation) -> np.ndarray:
     return vectors
 
 
-def _joints(tips: RigidTransform, knots: np.ndarray, arm: str) -> np.ndarray:
+def _joints(tips: RigidTransform) -> np.ndarray:
+    """Joints that put the tool tip at poses in the RCM frame, (N, 6), of all turns of the roll near the middle one."""
     rotation = tips.rotation.as_matrix()
     hinge = tips.translation - JAW_LENGTH * rotation[..., 2]
     joints = kinematics.inverse(hinge, rotation @ TIP_AXES.T, on_limit="ignore")
     roll = np.unwrap(joints[:, 3])
     joints[:, 3] = roll - 2 * np.pi * np.round((roll.min() + roll.max()) / (4 * np.pi))
-    again = tip_pose(joints)
-    off = np.maximum(np.abs(again[0] - tips.translation).max(axis=-1), np.abs(again[1] - rotation).max(axis=(-2, -1)))
-    if not (off < AGREEMENT).all():
-        sample = int(np.argmin(off < AGREEMENT))
-        x, y, z = tips.translation[sample]
-        raise ValueError(
-            f"{arm} cannot reach ({x:.4f}, {y:.4f}, {z:.4f}) m in its RCM frame, at the end of step "
-            f"{max(int(np.searchsorted(knots, sample)) - 1, 0)}: the tool must hang below the RCM."
-        )
     return joints
 
 

@@ -112,7 +112,7 @@ def test_policies_stand_without_the_simulator(room):
     assert "surrol_gym" not in below
 
 
-@pytest.mark.parametrize("room", ["data", "policy", "baselines", "environment", "evaluation", "hub"])
+@pytest.mark.parametrize("room", ["data", "policy", "baselines", "environment", "evaluation", "robot", "hub"])
 def test_only_the_simulator_knows_pybullet(arrows, room):
     assert "pybullet" not in arrows[room]
 

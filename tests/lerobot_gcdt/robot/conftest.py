@@ -1,4 +1,7 @@
-"""A dVRK that is not there: CRTK's Python client, whose arms insist on what it asks for."""
+"""Episodes of the expert and their set-points, which nobody may change, and a dVRK that is not there.
+
+That is CRTK's Python client, whose arms insist on what it asks for.
+"""
 
 import sys
 from types import ModuleType, SimpleNamespace
@@ -8,6 +11,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from lerobot_gcdt.robot import dvrk_psm
+from lerobot_gcdt.robot.episodes import play
+from lerobot_gcdt.robot.set_points import interpolate
 from surrol_gym.psm import kinematics
 from surrol_gym.psm.kinematics import JAW_LENGTH, TIP_AXES
 
@@ -15,6 +20,24 @@ TIME_OUT, JUMP, JAW_SPEED = 0.25, 0.001, 0.4
 JOINTS = np.array(
     [[-1.5708, 1.5708], [-0.7854, 0.7854], [0.0, 0.240], [-4.538, 4.538], [-1.2217, 1.2217], [-1.396, 1.396]]
 )
+
+
+@pytest.fixture(scope="session")
+def episode():
+    """NeedlePick: one arm."""
+    return play("NeedlePick", 3)
+
+
+@pytest.fixture(scope="session")
+def trajectory(episode):
+    """The set-points of ``episode``."""
+    return interpolate(episode)
+
+
+@pytest.fixture(scope="session")
+def two_arms():
+    """Set-points of BiPegTransfer, 50 a second."""
+    return interpolate(play("BiPegTransfer", 3), rate=50)
 
 
 @pytest.fixture(autouse=True)
