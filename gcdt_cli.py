@@ -11,6 +11,9 @@ from pathlib import Path
 from typing import Any
 
 RECORD_EXAMPLE = "example: gcdt record --task NeedlePick --episodes 100 --seed 0 --root datasets/needle_pick"
+RECORD_TELEOP_EXAMPLE = (
+    "your own episodes: gcdt record --teleop keyboard --task NeedlePick --episodes 5 --root datasets/mine"
+)
 RECORD_ALL_EXAMPLE = "all of the published datasets: gcdt record --all --root datasets"
 IMPORT_EXAMPLE = "example: gcdt import data_NeedlePickRL-v0_random_200.npz --task NeedlePick --root datasets/imported"
 MERGE_EXAMPLE = "example: gcdt merge datasets/needle_pick datasets/peg_transfer --root datasets/surrol_cross_task"
@@ -18,6 +21,8 @@ TRAIN_EXAMPLE = "example: gcdt train --dataset datasets/surrol_needle_pick --out
 EVALUATE_EXAMPLE = "example: gcdt evaluate outputs/needle_pick --first_seed 100000 --starts 100"
 BENCHMARK_EXAMPLE = "example: gcdt benchmark --datasets datasets --tasks PickAndPlace,MatchBoard --methods gcdt bc"
 PUBLISH_EXAMPLE = "example: gcdt publish datasets/surrol_needle_pick --repo_id user/surrol_needle_pick --dry_run"
+
+EXPORT_EXAMPLE = "example: gcdt export-dvrk --policy expert --task PegTransfer --seed 3 --out outputs/peg_transfer_dvrk"
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -35,6 +40,7 @@ def main(arguments: list[str] | None = None) -> None:
     _add_evaluate(commands)
     _add_benchmark(commands)
     _add_publish(commands)
+    _add_export_dvrk(commands)
     options = parser.parse_args(arguments)
     try:
         options.run(options)
@@ -46,7 +52,7 @@ def _add_record(commands: Any) -> None:
     record = commands.add_parser(
         "record",
         help="record demonstrations of a scripted expert as a LeRobot dataset",
-        epilog=f"{RECORD_EXAMPLE}; {RECORD_ALL_EXAMPLE}",
+        epilog=f"{RECORD_EXAMPLE}; {RECORD_TELEOP_EXAMPLE}; {RECORD_ALL_EXAMPLE}",
     )
     what = record.add_mutually_exclusive_group(required=True)
     what.add_argument("--task", help="name of the task, such as NeedlePick or my_module:MyTask")
@@ -76,6 +82,12 @@ def _add_record(commands: Any) -> None:
         type=float,
         metavar="BETA",
         help="with --policy: probability that a step of its part executes the expert's action (default 0)",
+    )
+    record.add_argument(
+        "--teleop",
+        choices=("keyboard", "keyboard_ee", "gamepad"),
+        help="act yourself, in a window, in the expert's place: with a teleoperator of LeRobot's "
+        "(needs lerobot[core_scripts])",
     )
     record.add_argument(
         "--fields",
@@ -234,6 +246,33 @@ def _add_publish(commands: Any) -> None:
     publish.set_defaults(run=_publish)
 
 
+def _add_export_dvrk(commands: Any) -> None:
+    export = commands.add_parser(
+        "export-dvrk",
+        help="export an episode as set-points of a da Vinci Research Kit, with a safety report",
+        epilog=f"{EXPORT_EXAMPLE}; no real robot was ever moved with this: read docs/dvrk.md first",
+    )
+    export.add_argument(
+        "--policy",
+        required=True,
+        metavar="TRAINING",
+        help="who acts: expert, a training, a pretrained_model folder, a repository on the Hub, or generalist, which "
+        "is built in",
+    )
+    export.add_argument("--task", required=True, help="name of the task, such as PegTransfer or my_module:MyTask")
+    export.add_argument("--seed", type=int, default=0, help="seed of the episode (default 0)")
+    export.add_argument(
+        "--out", required=True, type=Path, metavar="DIR", help="folder of the set-points and the report"
+    )
+    export.add_argument("--rate", type=float, default=200.0, help="set-points a second (default 200)")
+    export.add_argument(
+        "--base-frame", type=Path, metavar="FILE", help="measured poses of the RCMs, JSON (default: the simulator's)"
+    )
+    export.add_argument("--bag", action="store_true", help="also write a ROS 2 bag (mcap), which needs the extra dvrk")
+    export.add_argument("--allow_unsafe", action="store_true", help="write a trajectory that breaks limits, too")
+    export.set_defaults(run=_export_dvrk)
+
+
 def _names(text: str) -> list[str]:
     return [name.strip() for name in text.split(",")]
 
@@ -255,6 +294,14 @@ def _check_tasks(names: list[str]) -> None:
         surrol_gym.find_task(name)
 
 
+def _check_window(task: str) -> None:
+    """Raises ValueError where no window can be opened, before anything slow is imported."""
+    from surrol_gym.registry import env_class
+
+    if "human" not in env_class(task).metadata["render_modes"]:
+        raise ValueError("--teleop shows the scene in a window, and there is no display: DISPLAY is not set.")
+
+
 def _check_folder(folder: Path, remedy: str) -> None:
     """Raises FileNotFoundError for a missing folder, before anything slow is imported."""
     if not folder.exists():
@@ -267,6 +314,10 @@ def _record(options: argparse.Namespace) -> None:
         raise ValueError("--policy acts in the recording of a single task; name it with --task instead of --all.")
     if options.mix is not None and not options.policy:
         raise ValueError(f"--mix {options.mix:g} needs a policy to mix with: --policy.")
+    if options.teleop and (options.all or options.policy or options.disturb):
+        raise ValueError("--teleop lets a person act alone, in a single task; leave out --all, --policy and --disturb.")
+    if options.teleop:
+        _check_window(options.task)
 
     from lerobot_gcdt.recording import record
     from lerobot_gcdt.recording.collection import PUBLISHED_DISTURB, record_all
@@ -275,10 +326,12 @@ def _record(options: argparse.Namespace) -> None:
 
     extras = Extras(options.fields, options.cameras, options.camera_size)
     if not options.all:
-        learner = _learner(options.policy, options.task, options.mix or 0.0) if options.policy else None
-        record(
-            options.task, options.episodes, options.seed, options.root, options.disturb or 0.0, extras, learner=learner
-        )
+        who = {"learner": _learner(options.policy, options.task, options.mix or 0.0) if options.policy else None}
+        if options.teleop:
+            from lerobot_gcdt.robot.person import seat
+
+            who["person"] = seat(options.teleop, options.task)
+        record(options.task, options.episodes, options.seed, options.root, options.disturb or 0.0, extras, **who)
         return
     disturb = PUBLISHED_DISTURB if options.disturb is None else options.disturb
     roots = record_all(options.root, options.episodes, options.seed, disturb, extras, options.workers)
@@ -403,6 +456,24 @@ def _publish(options: argparse.Namespace) -> None:
     from lerobot_gcdt.hub.publish import publish
 
     publish(options.folder, options.repo_id, options.private, options.revision_tag, options.dry_run)
+
+
+def _export_dvrk(options: argparse.Namespace) -> None:
+    _check_tasks([options.task])
+
+    from lerobot_gcdt.robot.export import export
+
+    policy = None
+    if options.policy != "expert":
+        from lerobot_gcdt.evaluation import load_policy
+        from lerobot_gcdt.evaluation.tasks import tasks_of
+
+        checkpoint = _checkpoint(options.policy)
+        tasks_of(checkpoint, [options.task])
+        policy = load_policy(checkpoint)
+    asked = {name: getattr(options, name) for name in ("rate", "base_frame", "bag", "allow_unsafe")}
+    report = export(options.task, options.seed, options.out, policy, options.policy, **asked)
+    print(f"{report.summary()}\nThe set-points and the report are in {options.out}.")
 
 
 if __name__ == "__main__":

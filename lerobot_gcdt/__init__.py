@@ -1,7 +1,8 @@
 """The goal-conditioned decision transformer and the SurRoL environments as LeRobot plugins.
 
-Importing the package registers the policy types ``gcdt`` and ``bc``, and the environment type ``surrol`` where PyBullet
-is installed; policies are trained and loaded without it.
+Importing the package registers the policy types ``gcdt`` and ``bc``; where PyBullet is installed also the environment
+type ``surrol``, the robot types ``surrol_psm`` and ``dvrk_psm``, and the teleoperator type ``psm_keyboard``. Policies
+are trained and loaded without it.
 """
 
 from importlib.util import find_spec
@@ -20,8 +21,11 @@ __all__ = ["GENERALIST", "BCPolicy", "GCDTConfig", "GCDTPolicy", "make_gcdt_pre_
 
 if find_spec("pybullet"):  # which is loaded when an environment is made, not before
     from lerobot_gcdt.environment.surrol_env import SurRoLEnvConfig  # noqa: F401
+    from lerobot_gcdt.robot.config_dvrk_psm import DVRKPSMConfig  # noqa: F401
+    from lerobot_gcdt.robot.config_psm_keyboard import PSMKeyboardConfig  # noqa: F401
+    from lerobot_gcdt.robot.config_surrol_psm import SurRoLPSMConfig  # noqa: F401
 
-    __all__ += ["SurRoLEnvConfig"]
+    __all__ += ["DVRKPSMConfig", "PSMKeyboardConfig", "SurRoLEnvConfig", "SurRoLPSMConfig"]
 
 
 def __getattr__(name: str) -> Any:

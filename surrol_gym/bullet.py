@@ -51,6 +51,10 @@ class Prop:
     joints: Callable[[], Sequence[float]] | None = None
 
 
+class WindowClosed(RuntimeError):
+    """The window of an environment was closed, by Esc or the mouse."""
+
+
 class World:
     """A PyBullet client with the engine parameters of SurRoL (docs/simulator.md#sub-steps).
 

@@ -9,6 +9,7 @@ from lerobot.policies.pretrained import PreTrainedPolicy
 from torch import Tensor, nn
 
 from lerobot_gcdt.baselines.configuration_bc import BCConfig
+from lerobot_gcdt.data.robot_state import with_goals
 from lerobot_gcdt.data.statistics import mean_and_std, mean_of_each
 from lerobot_gcdt.data.task_layouts import task_layouts
 from lerobot_gcdt.data.trajectories import TrajectoryBank
@@ -96,8 +97,8 @@ class BCPolicy(PreTrainedPolicy):
 
     @torch.no_grad()
     def select_action(self, batch: dict[str, Tensor]) -> Tensor:
-        """Returns the action of each row of ``observation.*``, shape (B, A)."""
-        return self._act(batch)
+        """Returns the action of each row of ``observation.*``, shape (B, A); a robot's state may hold the goals."""
+        return self._act(with_goals(batch, self.config.task_dims))
 
     def predict_action_chunk(self, batch: dict[str, Tensor]) -> Tensor:
         """Returns ``select_action`` as a chunk of one step, shape (B, 1, A)."""

@@ -15,7 +15,7 @@ from huggingface_hub import DatasetCardData
 from lerobot_gcdt.hub.card_tables import number_tables, other_keys
 from lerobot_gcdt.hub.docstrings import sections
 from lerobot_gcdt.recording.demonstrations import PUSH_RATE, PUSH_RATE_SLOW, dataset_name
-from lerobot_gcdt.recording.facts import card_facts, frames_of, is_imported, recordings, task_named, task_of
+from lerobot_gcdt.recording.facts import card_facts, frames_of, is_human, is_imported, recordings, task_named, task_of
 from lerobot_gcdt.recording.features import NO_EXTRAS
 from lerobot_gcdt.recording.merging import PADDED_SIZES
 from surrol_gym.quantities import table
@@ -168,15 +168,18 @@ def card(facts: dict, repo_id: str, pictures: str) -> str:
     """
     parts, merged, name = recordings(facts), "merged_from" in facts, repo_id.split("/")[-1]
     episodes, frames = sum(part["episodes"] for part in parts), sum(map(frames_of, parts))
-    imported, tasks = any(map(is_imported, parts)), len({part["env_id"] for part in parts})
+    imported, human = any(map(is_imported, parts)), any(map(is_human, parts))
+    tasks = len({part["env_id"] for part in parts})
     of = f"{tasks} task{'s' * (tasks > 1)}" if merged else f"`{facts['env_id']}`"
     if imported:
         made = f"of {of}, {'recorded and ' * merged}imported"
+    elif human:
+        made = f"by {'scripted experts and ' * (not all(map(is_human, parts)))}a person, of {of}"
     else:
         made = f"by the scripted expert{'s' * merged} of {of}"
     told = "" if merged else f' The task in a sentence: "{env_class(facts["env_id"]).task_description}"'
     return CARD.format(
-        data=_metadata("cross-task" if merged else task_of(facts), imported, frames).to_yaml(),
+        data=_metadata("cross-task" if merged else task_of(facts), imported, human, frames).to_yaml(),
         title=name,
         summary=_fill(
             f"{episodes:,} demonstrations {made}, after SurRoL, in simulation: {frames:,} frames, 5 "
@@ -209,6 +212,8 @@ def recording_commands(facts: dict, root: str) -> list[str]:
         return [f"gcdt import {files} --task {task_named(facts)} --root {root}"]
     told = [name for name in ("episodes", "seed", "disturb", "policy", "mix") if name in facts]
     options = {"task": task_named(facts)} | {name: shlex.quote(str(facts[name])) for name in told}
+    if is_human(facts):
+        options = {"teleop": facts["human"]} | {name: options[name] for name in options if name != "disturb"}
     extras = facts["extras"]
     options |= {name: ",".join(extras[name]) for name in ("fields", "cameras") if extras[name]}
     options |= {"camera_size": extras["camera_size"]} if extras["cameras"] else {}
@@ -225,12 +230,12 @@ def steps_to_success(facts: dict) -> str:
     return "{mean} on average, {min} to {max}".format(**facts["steps_to_success"])
 
 
-def _metadata(subject: str, imported: bool, frames: int) -> DatasetCardData:
+def _metadata(subject: str, imported: bool, human: bool, frames: int) -> DatasetCardData:
     return DatasetCardData(
         license="other" if imported else "apache-2.0",
         task_categories=["robotics"],
         tags=["LeRobot", "surgical-robotics", "surrol", "dvrk"],
-        pretty_name=f"SurRoL {subject}, {'imported' if imported else 'scripted'} demonstrations",
+        pretty_name=f"SurRoL {subject}, {'imported' if imported else 'human' if human else 'scripted'} demonstrations",
         size_categories=[SIZES[max(len(str(frames)) - 3, 0)]],
         configs=[{"config_name": "default", "data_files": "data/*/*.parquet"}],
     )
@@ -292,6 +297,15 @@ def _origin(facts: dict) -> str:
             f"{steps_to_success(facts)}. What may have been added to the actions is not known; `disturbance` is 0."
         )
     last, limit = facts["seed"] + facts["attempts"] - 1, task_spec(facts["env_id"]).max_episode_steps
+    if is_human(facts):
+        person = _fill(
+            f"A person acted, with LeRobot's teleoperator {facts['human']}, and saw the scene in a window. Time stood "
+            "still while they commanded nothing, and an episode ended when the goal had been held for a second; so "
+            f"episodes have their own lengths. {success_rate(facts)} attempts succeeded, the seeds {facts['seed']} to "
+            f"{last}; the others are left out, and so is what the person began anew. Steps to the first success: "
+            f"{steps_to_success(facts)}. Recorded with lerobot-policy-gcdt {facts['package_version']}."
+        )
+        return "\n\n".join([person, _pushes([facts])])
     expert = _fill(
         "The expert is a feedback law that reads from the observation what to do next. It succeeded in "
         f"{success_rate(facts)} attempts, the seeds {facts['seed']} to {last}; those that failed are left out. "
@@ -304,11 +318,9 @@ def _origin(facts: dict) -> str:
 
 def _merged_origin(parts: list[dict]) -> list[str]:
     """Where the episodes of a merged dataset come from: the experts, and what was imported."""
-    recorded = [part for part in parts if not is_imported(part)]
-    return [
-        *([EXPERTS, *_policies(recorded), _pushes(recorded)] if recorded else []),
-        *map(_origin, filter(is_imported, parts)),
-    ]
+    others = [part for part in parts if is_imported(part) or is_human(part)]
+    recorded = [part for part in parts if part not in others]
+    return [*([EXPERTS, *_policies(recorded), _pushes(recorded)] if recorded else []), *map(_origin, others)]
 
 
 def _policies(parts: list[dict]) -> list[str]:
@@ -346,7 +358,9 @@ def _limits(parts: list[dict]) -> list[str]:
         limits += [
             "Simulation only: nothing here was tried on a robot. The scenes are rebuilt from measured dimensions, not "
             "copied; contacts are close to SurRoL's, not equal.",
-            "Scripted experts only: no person's skill, and one way to do a task.",
+            "One person's skill, with coarse controls and without depth to see."
+            if any(map(is_human, recorded))
+            else "Scripted experts only: no person's skill, and one way to do a task.",
         ]
     if len(recorded) < len(parts):
         limits.append(
@@ -364,7 +378,7 @@ def _limits(parts: list[dict]) -> list[str]:
         limits.append("The errors are those of the policies that acted, as far as the expert could save the episode.")
     elif any(part["disturb"] for part in parts):
         limits.append("The errors are pushes of a single step; failed grasps and their repair are rare.")
-    elif recorded:
+    elif recorded and not any(map(is_human, recorded)):
         limits.append("Nothing diverts the expert, so how to correct is hardly in the data.")
     return limits
 

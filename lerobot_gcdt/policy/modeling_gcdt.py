@@ -11,6 +11,7 @@ from safetensors import safe_open
 from torch import Tensor, nn
 
 from lerobot_gcdt.data.draws import combine, uniform
+from lerobot_gcdt.data.robot_state import with_goals
 from lerobot_gcdt.data.statistics import mean_of_each
 from lerobot_gcdt.data.task_layouts import task_layouts
 from lerobot_gcdt.data.trajectories import Sequences, TrajectoryBank, sizes_of
@@ -234,7 +235,7 @@ class GCDTPolicy(PreTrainedPolicy):
 
         Args:
             batch: ``observation.state`` (B, O), ``observation.goal`` and ``observation.achieved_goal`` (B, G), and
-                ``task``, a sentence for each row.
+                ``task``, a sentence for each row. A robot's state, (B, O + 2 G), holds the goals, too.
 
         Returns:
             Actions in [-1, 1], shape (B, largest action size of the batch's tasks).
@@ -243,6 +244,7 @@ class GCDTPolicy(PreTrainedPolicy):
             KeyError: A task sentence is unknown, or an observation is missing.
             ValueError: Observations have other sizes than the task's, or the batch is not the one of the last step.
         """
+        batch = with_goals(batch, self.config.task_dims)
         tasks = self._check_observation(batch)
         device = batch[STATE].device
         if self._history is None:

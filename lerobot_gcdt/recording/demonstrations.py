@@ -25,7 +25,9 @@ from lerobot_gcdt.keys import TIME_TO_GOAL
 from lerobot_gcdt.recording.features import NO_EXTRAS, Extras, describe_columns, to_columns
 from lerobot_gcdt.recording.learners import Learner
 from lerobot_gcdt.recording.locking import LOCK_FILE, alone_in
+from lerobot_gcdt.recording.persons import Person
 from lerobot_gcdt.recording.writing import save_episode
+from surrol_gym.by_hand import Stop
 from surrol_gym.envs.psm_env import Mount, unwrapped
 
 RECORDING_FILE = "meta/surrol.json"
@@ -58,6 +60,7 @@ class Recording:
         package_version: Version of this package.
         policy: The policy that acts in the expert's place; None where the expert always acts.
         mix: Probability of the expert's action where the policy acts.
+        human: Teleoperator with which a person acted; None where no person did.
     """
 
     env_id: str
@@ -68,9 +71,10 @@ class Recording:
     package_version: str
     policy: str | None = None
     mix: float | None = None
+    human: str | None = None
 
     def facts(self) -> dict:
-        """Returns what files say of it: a policy only where there is one."""
+        """Returns what files say of it: a policy and a person only where there is one."""
         return {name: value for name, value in asdict(self).items() if value is not None}
 
 
@@ -88,8 +92,9 @@ def record(
     extras: Extras = NO_EXTRAS,
     on_episode: Callable[[], None] | None = None,
     learner: Learner | None = None,
+    person: Person | None = None,
 ) -> Path:
-    """Records successful episodes of a task's scripted expert, or those that it saves, as a LeRobot dataset.
+    """Records successful episodes of a task as a LeRobot dataset: the expert's, those that it saves, or a person's.
 
     Args:
         task: Name of the task; see ``surrol_gym.find_task``.
@@ -100,6 +105,7 @@ def record(
         extras: What to record beside what every dataset holds.
         on_episode: Called for every episode that is there; nothing is printed then.
         learner: A policy that acts in the expert's place; None where the expert always acts.
+        person: Somebody who acts instead of the expert, in a window; their episodes have their own lengths.
 
     Returns:
         The folder.
@@ -108,7 +114,7 @@ def record(
         ValueError: The task is unknown, a number is out of range, or the folder holds something else.
         OSError: The disk is full, something else keeps files from being written, or another process records there;
             what is finished is kept.
-        RuntimeError: The expert fails again and again; what is finished is kept.
+        RuntimeError: The expert fails again and again, or the person stops; what is finished is kept.
     """
     env_id = surrol_gym.find_task(task)
     if episodes < 1 or seed < 0:
@@ -119,6 +125,8 @@ def record(
     wanted = Recording(env_id, episodes, seed, float(disturb), extras, version("lerobot_policy_gcdt"))
     if learner:
         wanted = replace(wanted, policy=learner.name, mix=float(learner.mix))
+    if person:
+        wanted = replace(wanted, human=person.name)
     extras.check(wanted.env_id)
     parts = root.with_name(root.name + ".recording")
     if root.exists():
@@ -138,7 +146,7 @@ def record(
             if root.exists():  # another process has finished it just now
                 _check_same(wanted, root / RECORDING_FILE, root)
             else:
-                _make(wanted, parts, root, on_episode, learner)
+                _make(wanted, parts, root, on_episode, learner, person)
             _remove_parts(parts)
     if not on_episode:
         print(summary(root))
@@ -149,7 +157,7 @@ def summary(root: str | Path) -> str:
     """Describes a recorded dataset: the expert's success rate and its steps to success."""
     facts = json.loads((Path(root) / RECORDING_FILE).read_text())
     steps = np.array(facts["steps_to_success"])
-    who = "a policy and the expert" if "policy" in facts else "the expert"
+    who = "a person" if "human" in facts else "a policy and the expert" if "policy" in facts else "the expert"
     return (
         f"{facts['env_id']}: {len(steps)} episodes from {facts['attempts']} attempts of {who} "
         f"(success rate {len(steps) / facts['attempts']:.3f}), first success after {steps.mean():.1f} steps "
@@ -209,17 +217,24 @@ def _push(rng: np.random.Generator, action: np.ndarray, mounts: tuple[Mount, ...
 
 
 def _make(
-    wanted: Recording, parts: Path, root: Path, on_episode: Callable[[], None] | None, learner: Learner | None
+    wanted: Recording,
+    parts: Path,
+    root: Path,
+    on_episode: Callable[[], None] | None,
+    learner: Learner | None,
+    person: Person | None,
 ) -> None:
     """Records what is missing among the finished episodes, and builds the dataset."""
     _prepare_parts(wanted, parts)
-    env = gym.make(wanted.env_id)
+    env = gym.make(wanted.env_id, render_mode="human" if person and person.window else None)
     try:
-        kept = _record_episodes(env, wanted, parts, on_episode, learner)
+        kept = _record_episodes(env, wanted, parts, on_episode, learner, person)
         facts = wanted.facts() | {
             "seeds": [int(file.stem) for file in kept],
             "attempts": int(kept[-1].stem) - wanted.seed + 1,
         }
+        if person:
+            facts["frames"] = sum(len(_read_columns(file)[TIME_TO_GOAL]) for file in kept)
         shown = tqdm(kept, desc="Writing the dataset", unit="episode", disable=on_episode is not None)
         build_dataset(env, wanted.extras, map(_read_columns, shown), facts, parts / "dataset", root)
     except OSError as error:
@@ -230,7 +245,12 @@ def _make(
 
 
 def _record_episodes(
-    env: gym.Env, wanted: Recording, parts: Path, on_episode: Callable[[], None] | None, learner: Learner | None
+    env: gym.Env,
+    wanted: Recording,
+    parts: Path,
+    on_episode: Callable[[], None] | None,
+    learner: Learner | None,
+    person: Person | None,
 ) -> list[Path]:
     """Records attempts until enough succeeded; returns the files of the successful ones, in order of their seeds."""
     kept: list[Path] = []
@@ -243,7 +263,18 @@ def _record_episodes(
             if not file.exists():
                 unfinished = file.with_suffix(".unfinished")
                 with unfinished.open("wb") as stream:
-                    episode = run_episode(env, wanted.seed + attempt, wanted.disturb, wanted.extras, learner)
+                    seed = wanted.seed + attempt
+                    try:
+                        episode = (
+                            person.run_episode(env, seed, wanted.extras)
+                            if person
+                            else run_episode(env, seed, wanted.disturb, wanted.extras, learner)
+                        )
+                    except Stop:
+                        raise RuntimeError(
+                            f"Stopped. The {len(kept)} episodes of {wanted.episodes} that are finished are kept in "
+                            f"{parts}; the same command goes on with seed {seed}."
+                        ) from None
                     np.savez_compressed(stream, **episode)  # type: ignore[arg-type]  # none is called allow_pickle
                 os.replace(unfinished, file)
             with np.load(file) as episode:

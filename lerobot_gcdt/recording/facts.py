@@ -42,6 +42,11 @@ def is_imported(facts: dict) -> bool:
     return "imported_from" in facts
 
 
+def is_human(facts: dict) -> bool:
+    """Whether a person acted instead of an expert."""
+    return "human" in facts
+
+
 def task_of(facts: dict) -> str:
     """Returns the name of the task of a recording."""
     return task_name(facts["env_id"])
@@ -53,7 +58,7 @@ def task_named(facts: dict) -> str:
 
 
 def frames_of(facts: dict) -> int:
-    """Returns the number of frames of a dataset; unless it was imported, its episodes all run to the time limit."""
+    """Returns the number of frames of a dataset; what experts recorded runs to the time limit."""
     return facts.get("frames") or facts["episodes"] * task_spec(facts["env_id"]).max_episode_steps
 
 

@@ -13,9 +13,6 @@ from surrol_gym.psm import kinematics
 from surrol_gym.psm.arm import TIP_OFFSET, Arm, euler_to_matrix, matrix_to_quaternion
 from surrol_gym.units import to_metres
 
-_TIP_AXES = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]])
-"""Rotation from link 5 to the tool tip of the dVRK, whose z axis points along the jaws ("tooltip-offset" there)."""
-
 
 def describe_cartesian_state(env_class: type[PSMEnv]) -> dict[str, dict[str, str]]:
     """Names the numbers of ``observe_cartesian_state``, with what a card says of them."""
@@ -46,9 +43,9 @@ def observe_cartesian_state(env: PSMEnv) -> dict[str, np.ndarray]:
 def _measure(arm: Arm, mount: Mount) -> np.ndarray:
     position, rotation = kinematics.forward(arm.joints())
     tip = position + to_metres(TIP_OFFSET) * rotation[:, 1]
-    quaternion = matrix_to_quaternion(rotation @ _TIP_AXES)
+    quaternion = matrix_to_quaternion(rotation @ kinematics.TIP_AXES)
     # Two quaternions stand for every orientation. The one nearer to that of the start does not jump during an episode.
     to_base = euler_to_matrix((0, 0, -mount.base_yaw))
-    start = matrix_to_quaternion(to_base @ euler_to_matrix(mount.start_euler) @ _TIP_AXES)
+    start = matrix_to_quaternion(to_base @ euler_to_matrix(mount.start_euler) @ kinematics.TIP_AXES)
     start *= np.sign(start[np.abs(start).argmax()])
     return np.concatenate([tip, quaternion * np.copysign(1.0, quaternion @ start), [arm.jaw_angle()]])

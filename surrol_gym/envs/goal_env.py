@@ -283,6 +283,20 @@ class GoalEnv(gym.Env):
             return self._render(*self._picture, _PICTURES[self.render_mode])
         return None
 
+    def pressed_keys(self) -> set[int]:
+        """Returns PyBullet's codes of the keys that are down in the window of mode ``"human"``, or were a moment ago.
+
+        Letters have the codes of their small characters.
+
+        Raises:
+            ValueError: The render mode is another one.
+            surrol_gym.bullet.WindowClosed: The window was closed.
+        """
+        self._check_open()
+        if self.render_mode != "human":
+            raise ValueError(f"Only render_mode='human' has a window with keys; this is {self.render_mode!r}.")
+        return self._get_stage().pressed_keys()
+
     def picture(self, camera: str = "closeup", width: int = 256, height: int = 256, kind: str = "rgb") -> np.ndarray:
         """Renders the scene from any camera at any size, whatever the render mode.
 
@@ -376,7 +390,7 @@ class GoalEnv(gym.Env):
 
     def _get_stage(self) -> Stage:
         if self._stage is None:
-            self._stage = Stage(self.world, gui=self.render_mode == "human")
+            self._stage = Stage(self.world, window=self._picture[0] if self.render_mode == "human" else None)
         return self._stage
 
     def _goal_pose(self, part: int) -> tuple[Vector, Vector]:

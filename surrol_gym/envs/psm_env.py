@@ -10,7 +10,7 @@ import numpy as np
 from surrol_gym.envs.goal_env import GoalEnv
 from surrol_gym.envs.grasping import Grasp
 from surrol_gym.psm.arm import DOWN, JAW_CLOSED, JAW_OPEN, Arm, euler_to_matrix
-from surrol_gym.psm.kinematics import JAW_LENGTH
+from surrol_gym.psm.kinematics import JAW_LENGTH, RCM_OFFSET
 from surrol_gym.quantities import RPY, Quantity, euler, point
 from surrol_gym.units import to_metres, to_su
 
@@ -52,6 +52,13 @@ class Mount:
     def limits(self) -> np.ndarray:
         """Returns the lowest and the highest position of link 5, shape (2, 3), su: workspaces are those of the tips."""
         return (to_su(np.array(self.workspace) + [[0.0], [0.0], [JAW_LENGTH]]) + _PADDING).T
+
+    def rcm(self) -> np.ndarray:
+        """Returns the pose of the arm's remote centre of motion, a (4, 4) matrix, metres, world frame."""
+        pose = np.eye(4)
+        pose[:3, :3] = euler_to_matrix((0, 0, self.base_yaw))
+        pose[:3, 3] = self.base_position + RCM_OFFSET * pose[:3, 1]
+        return pose
 
     def tool_direction(self) -> np.ndarray:
         """Returns where the jaws point, a unit vector, world frame; turning the tool does not change it."""
@@ -145,12 +152,9 @@ class PSMEnv(GoalEnv):
         clipped = False
         for index, (arm, mount) in enumerate(zip(self.arms, self.mounts, strict=True)):
             dx_dy_dz, turn, gripper = action[5 * index : 5 * index + 3], action[5 * index + 3], action[5 * index + 4]
-            position, euler = arm.pose()
-            wanted = position + STEP_SIZE * dx_dy_dz
-            low, high = self._limits[index]
-            target = np.minimum(np.maximum(wanted, low), high)  # faster than np.clip
-            clipped |= bool((wanted != target).any())
-            arm.move_to(target, _turned(mount, euler[mount.turns] + mount.turn_step * turn))
+            target, euler, cut = aim(mount, self._limits[index], *arm.pose(), dx_dy_dz, turn)
+            clipped |= cut
+            arm.move_to(target, euler)
             closing = gripper < 0 or not self.has_gripper
             for grasp in self.grasps[index]:
                 grasp.before_step(closing)
@@ -203,6 +207,29 @@ def unwrapped(env: gym.Env) -> PSMEnv:
     if not isinstance(task, PSMEnv):
         raise TypeError(f"{env} is no environment of surrol_gym.")
     return task
+
+
+def aim(
+    mount: Mount, limits: np.ndarray, position: np.ndarray, euler: np.ndarray, dx_dy_dz: np.ndarray, turn: float
+) -> tuple[np.ndarray, list[float], bool]:
+    """Computes where an action sends an arm (docs/actions.md#what-an-action-does).
+
+    Args:
+        mount: The arm.
+        limits: What its ``limits`` returns.
+        position: Where its link 5 is, shape (3,), su, world frame.
+        euler: The orientation of link 5, radians, shape (3,).
+        dx_dy_dz: The action's motion, shape (3,).
+        turn: The action's turn.
+
+    Returns:
+        Position and Euler angles that link 5 is sent to, and whether the limits cut the motion off.
+    """
+    wanted = position + STEP_SIZE * dx_dy_dz
+    low, high = limits
+    target = np.minimum(np.maximum(wanted, low), high)  # faster than np.clip
+    orientation = _turned(mount, euler[mount.turns] + mount.turn_step * turn)
+    return target, orientation, bool((wanted != target).any())
 
 
 def _turned(mount: Mount, angle: float) -> list[float]:

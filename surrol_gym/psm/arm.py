@@ -43,6 +43,7 @@ class Arm:
 
     Attributes:
         contact_force: Sum of the normal forces on the gripper when ``sense`` was called, kg su / s^2.
+        jaw_target: Opening angle that the jaws were last sent to, radians.
     """
 
     def __init__(
@@ -55,6 +56,7 @@ class Arm:
         self._joints: np.ndarray = np.zeros(6)
         self._touching: set[tuple[int, int]] = set()
         self.contact_force = 0.0
+        self.jaw_target = JAW_CLOSED
         self.body = world.load("psm_gripper.urdf", fixed=False, sleeps=False, drawn=False)
         for jaw in JAWS:
             self._client.changeDynamics(self.body, jaw, mass=jaw_mass)
@@ -99,6 +101,7 @@ class Arm:
 
     def command_jaws(self, angle: float) -> None:
         """Sets the target of the opening angle between the jaws, radians; the squeeze is limited to 2 N su."""
+        self.jaw_target = angle
         self._client.setJointMotorControlArray(
             self.body,
             JAWS,

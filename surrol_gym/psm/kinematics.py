@@ -28,6 +28,9 @@ RCM_OFFSET = 0.4864
 JAW_LENGTH = 0.0102
 """Distance from link 5 to the jaw tips along the tool, metres."""
 
+TIP_AXES = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]])
+"""Rotation from link 5 to the tool tip of the dVRK, whose z axis points along the jaws ("tooltip-offset" there)."""
+
 INSERTION_OFFSET = 0.0156
 """Insertion at which the wrist-pitch axis lies in the RCM, metres."""
 
@@ -70,17 +73,18 @@ def inverse(
         position: Position of link 5, shape (..., 3), metres.
         rotation: Rotation matrix of link 5, shape (..., 3, 3).
         near: Joints, shape (..., 6); the roll, whose range exceeds a full turn, is the one nearest to theirs.
-        on_limit: ``"raise"`` refuses a pose beyond the joint limits, ``"clip"`` moves each joint to its limit.
+        on_limit: ``"raise"`` refuses a pose beyond the joint limits, ``"clip"`` moves each joint to its limit,
+            ``"ignore"`` leaves it to the caller to look at the limits.
 
     Returns:
         Joint positions, shape (..., 6).
 
     Raises:
         JointLimitError: A joint lies beyond its limit and ``on_limit`` is ``"raise"``; names the joint and its value.
-        ValueError: ``on_limit`` is neither ``"raise"`` nor ``"clip"``.
+        ValueError: ``on_limit`` is none of these.
     """
-    if on_limit not in ("raise", "clip"):
-        raise ValueError(f"on_limit must be 'raise' or 'clip', got {on_limit!r}.")
+    if on_limit not in ("raise", "clip", "ignore"):
+        raise ValueError(f"on_limit must be 'raise', 'clip' or 'ignore', got {on_limit!r}.")
     position, rotation = np.asarray(position, dtype=np.float64), np.asarray(rotation, dtype=np.float64)
     leading = position.shape[:-1]
     if not leading:
@@ -119,6 +123,8 @@ def _inverse_of_one(
     joints = (q1, q2, length + INSERTION_OFFSET, q4, q5, q6)
     if on_limit == "clip":
         return tuple(min(max(joint, low), high) for joint, (low, high) in zip(joints, _LIMITS, strict=True))
+    if on_limit == "ignore":
+        return joints
     for name, joint, (low, high) in zip(JOINT_NAMES, joints, _LIMITS, strict=True):
         if not low <= joint <= high:
             raise JointLimitError(

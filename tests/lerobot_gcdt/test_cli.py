@@ -32,10 +32,12 @@ def test_help_shows_an_example(arguments, capsys):
     assert "gcdt record --task NeedlePick --episodes 100 --seed 0 --root" in printed
 
 
-@pytest.mark.parametrize("command", ["record", "import", "merge", "train", "evaluate", "benchmark", "publish"])
+@pytest.mark.parametrize(
+    "command", ["record", "import", "merge", "train", "evaluate", "benchmark", "publish", "export-dvrk"]
+)
 def test_the_example_in_the_help_is_a_valid_command(command, capsys, monkeypatch):
     calls = []
-    monkeypatch.setattr(cli, f"_{command}", calls.append)
+    monkeypatch.setattr(cli, f"_{command.replace('-', '_')}", calls.append)
     example = " ".join(help_of([command], capsys).split()).split("example: gcdt ")[1]
     cli.main(example.split(";")[0].split())
     assert calls[0].command == command

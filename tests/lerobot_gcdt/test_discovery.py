@@ -25,6 +25,8 @@ def discovered():
 import json, sys
 from lerobot.configs.policies import PreTrainedConfig
 from lerobot.envs.configs import EnvConfig
+from lerobot.robots import RobotConfig
+from lerobot.teleoperators import TeleoperatorConfig
 from lerobot.utils.import_utils import register_third_party_plugins
 before = "gcdt" in PreTrainedConfig.get_known_choices() or "surrol" in EnvConfig.get_known_choices()
 register_third_party_plugins()
@@ -35,6 +37,8 @@ print(json.dumps({
     "policy": PreTrainedConfig.get_choice_class("gcdt").__name__,
     "class": get_policy_class("gcdt").__name__,
     "env": EnvConfig.get_choice_class("surrol").__name__,
+    "robots": sorted({"surrol_psm", "dvrk_psm"} & set(RobotConfig.get_known_choices())),
+    "keyboard": "psm_keyboard" in TeleoperatorConfig.get_known_choices(),
     "simulated": "pybullet" in sys.modules,
     "ids": [spec for spec in gymnasium.registry if spec.startswith("surrol/")],
 }))
@@ -52,6 +56,11 @@ def test_the_policy_type_is_found(discovered):
 
 def test_the_environment_type_is_found(discovered):
     assert discovered["env"] == "SurRoLEnvConfig"
+
+
+def test_the_robot_types_and_their_keyboard_are_found(discovered):
+    assert discovered["robots"] == ["dvrk_psm", "surrol_psm"]
+    assert discovered["keyboard"] is True
 
 
 def test_nothing_of_this_loads_the_simulation(discovered):

@@ -24,12 +24,13 @@ MAY_IMPORT = {
     "recording": {"environment", "surrol_gym", "data", "keys", "errors"},
     "evaluation": {"environment", "surrol_gym", "keys", "errors"},
     "training": set(),
+    "robot": {"recording", "evaluation", "environment", "data", "surrol_gym", "keys", "errors"},
     "benchmark": {
         *("policy", "baselines", "recording", "evaluation", "training", "environment", "data", "surrol_gym", "keys"),
     },
     "hub": {"recording", "evaluation", "training", "environment", "surrol_gym", "keys", "errors"},
-    "lerobot_gcdt": {"policy", "baselines", "environment"},
-    "gcdt_cli": {"lerobot_gcdt", "recording", "evaluation", "training", "hub", "benchmark", "surrol_gym"},
+    "lerobot_gcdt": {"policy", "baselines", "environment", "robot"},
+    "gcdt_cli": {"lerobot_gcdt", "recording", "evaluation", "training", "hub", "benchmark", "robot", "surrol_gym"},
     "lerobot_policy_gcdt": {"lerobot_gcdt"},
 }
 """What each room may import beside itself. ``lerobot_gcdt`` stands for the package's own ``__init__.py``."""
@@ -111,7 +112,7 @@ def test_policies_stand_without_the_simulator(room):
     assert "surrol_gym" not in below
 
 
-@pytest.mark.parametrize("room", ["data", "policy", "baselines", "environment", "evaluation", "hub"])
+@pytest.mark.parametrize("room", ["data", "policy", "baselines", "environment", "evaluation", "robot", "hub"])
 def test_only_the_simulator_knows_pybullet(arrows, room):
     assert "pybullet" not in arrows[room]
 

@@ -168,8 +168,14 @@ def test_clip_stays_within_the_limits_whatever_the_pose():
 
 
 def test_an_unknown_limit_rule_is_an_error_that_names_it():
-    with pytest.raises(ValueError, match="'ignore'"):
-        inverse(*forward(random_joints(1)[0]), on_limit="ignore")
+    with pytest.raises(ValueError, match="'stop'"):
+        inverse(*forward(random_joints(1)[0]), on_limit="stop")
+
+
+@pytest.mark.parametrize("joint", range(6), ids=JOINT_NAMES)
+def test_ignore_finds_the_joints_of_a_pose_beyond_the_limits(joint):
+    joints = beyond_limits(joint)
+    np.testing.assert_allclose(inverse(*forward(joints), near=joints, on_limit="ignore"), joints, rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize("roll", [-4.4, -3.3, -1.0, 0.0, 2.0, 3.3, 4.4])

@@ -1,0 +1,34 @@
+"""A robot's vector holds the goals behind the observation."""
+
+import pytest
+import torch
+
+from lerobot_gcdt.data.robot_state import with_goals
+
+TASKS = {"Reach.": [7, 3, 5], "Pick.": [19, 3, 5]}
+
+
+def robots(task, size):
+    return {"observation.state": torch.arange(float(size))[None], "task": task}
+
+
+@pytest.mark.parametrize("task", ["Reach.", ["Reach."]])
+def test_the_goals_are_taken_out(task):
+    batch = with_goals(robots(task, 13), TASKS)
+    assert batch["observation.state"].tolist() == [list(range(7))]
+    assert batch["observation.goal"].tolist() == [[7, 8, 9]]
+    assert batch["observation.achieved_goal"].tolist() == [[10, 11, 12]]
+
+
+@pytest.mark.parametrize(
+    "batch",
+    [robots("Reach.", 7), robots("Reach.", 12), robots("Cut.", 13), robots(["Reach.", "Pick."], 13)],
+    ids=["no goals", "another size", "an unknown task", "two tasks"],
+)
+def test_what_is_no_robots_state_stays_as_it_is(batch):
+    assert with_goals(batch, TASKS) is batch
+
+
+def test_goals_that_are_there_stay():
+    batch = robots("Reach.", 13) | {"observation.goal": torch.zeros(1, 3)}
+    assert with_goals(batch, TASKS) is batch
