@@ -29,7 +29,8 @@ def main() -> None:
     policy = load_policy(folder)
     seeds = range(20_000, 20_000 + options.starts)
     for task in tasks_of(folder, options.tasks and options.tasks.split(",")):
-        episodes = evaluate(policy, [task], seeds)
+        # One by one, because in larger batches numbers are rounded otherwise, and what is filmed might end otherwise.
+        episodes = evaluate(policy, [task], seeds, batch_size=1)
         failed = episodes[~episodes.held]
         reached = failed.reached.sum()
         print(f"{task}: {len(failed)} of {len(episodes)} failed, {reached} of these after they had reached the goal.")

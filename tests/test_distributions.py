@@ -142,7 +142,8 @@ def test_both_compile_pybullet_with_numpy():
     ids=["plugin and examples", "tests and tools", "simulator"],
 )
 def test_what_is_imported_is_required(distributions, project, extras, names):
-    ours = {Path(name).stem for name in (*CONTENTS[PLUGIN], "tools")} | {path.stem for path in TESTS.rglob("*.py")}
+    scripts = {path.stem for folder in (TESTS, ROOT / "examples") for path in folder.rglob("*.py")}
+    ours = {Path(name).stem for name in (*CONTENTS[PLUGIN], "tools")} | scripts
     others = set(imported(*(ROOT / name for name in names))) - sys.stdlib_module_names - ours - FROM_ROS
     required = set(requirements(project, *extras))
     assert {name for name in others if not required & set(map(canonical, distributions[name]))} == set()
