@@ -44,7 +44,7 @@ def display():
 
 @pytest.fixture(scope="session")
 def on_display(display):
-    """Runs a script of the tests on the virtual display; returns what it printed."""
+    """Runs a script of the tests on the virtual display, drawn by one thread; returns what it printed."""
 
     def run(script, *arguments, timeout=600, **variables):
         done = subprocess.run(
@@ -54,6 +54,7 @@ def on_display(display):
             timeout=timeout,
             env=os.environ
             | {"DISPLAY": display, "PYTHONPATH": os.pathsep.join([str(TESTS.parent), str(TESTS)])}
+            | {"LP_NUM_THREADS": "1"}  # of Mesa, whose threads would starve what is drawn
             | {name: str(value) for name, value in variables.items()},
         )
         assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-3000:]

@@ -49,8 +49,14 @@ class Person(threading.Thread):
                 time.sleep(0.02)
                 continue
             before, keys = self._env.steps, self._keys(self._expert.act(self._env.seen))
+            self._press(keys, before)
+
+    def _press(self, keys, before):
+        """Holds keys until a step is done; presses them anew where none follows, as before the window is ready."""
+        while self._env.steps == before:
             self._keyboard.hold(keys)
-            while self._env.steps == before:
+            patience = time.monotonic() + 1.0
+            while self._env.steps == before and time.monotonic() < patience:
                 time.sleep(0.005)
             self._keyboard.let_go(keys)
 
