@@ -22,14 +22,17 @@ def played(on_display, tmp_path_factory):
     return printed, np.asarray(Image.open(picture).convert("RGB"), dtype=int)
 
 
+@pytest.mark.study
 def test_a_person_picks_the_needle_by_key_presses(played):
     assert "Seed 15: the goal is reached" in played[0]
 
 
+@pytest.mark.study
 def test_the_keys_are_explained_where_it_starts(played):
     assert HELP in played[0]
 
 
+@pytest.mark.study
 def test_the_window_shows_the_scene_as_the_camera_sees_it(played):
     red, green, blue = np.moveaxis(played[1], -1, 0)
     goal = (red > 120) & (green < 60) & (blue < 60)
