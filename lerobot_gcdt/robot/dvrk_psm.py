@@ -11,21 +11,19 @@ from lerobot.utils.decorators import check_if_already_connected, check_if_not_co
 from scipy.spatial.transform import Rotation, Slerp
 
 from lerobot_gcdt.errors import OptionError
+from lerobot_gcdt.robot import tool_tip
 from lerobot_gcdt.robot.arm_clients import ArmClient, PaperArm, connect
 from lerobot_gcdt.robot.base_frame import TABLE_ORIGIN, arm_names, read_placement, simulated
 from lerobot_gcdt.robot.config_dvrk_psm import DVRKPSMConfig
+from lerobot_gcdt.robot.episodes import STEP
 from lerobot_gcdt.robot.limits import PSM
 from lerobot_gcdt.robot.names import DELTAS, POSITION, ActionReader, action_names, observation_names
 from lerobot_gcdt.robot.names import arm_names as measured_names
 from surrol_gym.envs.psm_env import Mount, aim
-from surrol_gym.psm import kinematics
 from surrol_gym.psm.arm import JAW_CLOSED, JAW_OPEN, euler_to_matrix
-from surrol_gym.psm.kinematics import JAW_LENGTH, TIP_AXES
+from surrol_gym.psm.kinematics import JOINT_NAMES
 from surrol_gym.registry import env_class
 from surrol_gym.units import to_metres, to_su
-
-STEP = 0.2
-"""Duration of an action at full speed, seconds."""
 
 RATE = 100
 """Set-points a second."""
@@ -232,17 +230,15 @@ class _Arm:
     def to_robot(self, position: np.ndarray, euler: Any) -> np.ndarray:
         """Returns the tool tip's pose, (4, 4), metres, for position, su, and Euler angles of link 5, world frame."""
         on_table = np.eye(4)
-        rotation = euler_to_matrix(euler)
-        on_table[:3, :3] = rotation @ TIP_AXES
-        on_table[:3, 3] = to_metres(position) - TABLE_ORIGIN + JAW_LENGTH * rotation[:, 1]
+        of_link5 = to_metres(position) - TABLE_ORIGIN, euler_to_matrix(euler)
+        on_table[:3, 3], on_table[:3, :3] = tool_tip.from_link5(*of_link5)
         return self._base @ np.linalg.inv(self._from_rcm) @ on_table
 
     def from_robot(self, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Returns position, su, and Euler angles of link 5, world frame, of a pose of the tool tip, (4, 4), metres."""
         on_table = self._from_rcm @ np.linalg.inv(self._base) @ pose
-        hinge = on_table[:3, 3] - JAW_LENGTH * on_table[:3, 2]
-        euler = Rotation.from_matrix(on_table[:3, :3] @ TIP_AXES.T).as_euler("xyz")
-        return to_su(hinge + TABLE_ORIGIN), euler
+        hinge, rotation = tool_tip.to_link5(on_table[:3, 3], on_table[:3, :3])
+        return to_su(hinge + TABLE_ORIGIN), Rotation.from_matrix(rotation).as_euler("xyz")
 
     def start(self, pose: np.ndarray, jaw: float, name: str) -> None:
         """Takes where the arm is for where it was sent; raises RuntimeError where that is far from its workspace."""
@@ -285,9 +281,8 @@ class _Arm:
     def _joints(self, pose: np.ndarray, name: str = "") -> np.ndarray:
         """Joints of a pose of the tool tip; with the arm's name those beyond their limits are an error."""
         local = np.linalg.inv(self._base) @ pose
-        hinge = local[:3, 3] - JAW_LENGTH * local[:3, 2]
-        joints = kinematics.inverse(hinge, local[:3, :3] @ TIP_AXES.T, on_limit="ignore")
-        for joint, value, (low, high) in zip(kinematics.JOINT_NAMES, joints, PSM.joints, strict=True):
+        joints = tool_tip.joints(local[:3, 3], local[:3, :3])
+        for joint, value, (low, high) in zip(JOINT_NAMES, joints, PSM.joints, strict=True):
             if name and not low <= value <= high:
                 raise ValueError(
                     f"{name}: the action needs {joint} = {value:.4f}, beyond its limits {low:g} to {high:g}; "

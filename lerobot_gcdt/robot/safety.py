@@ -8,10 +8,11 @@ from itertools import combinations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from lerobot_gcdt.robot import tool_tip
 from lerobot_gcdt.robot.episodes import STEP
 from lerobot_gcdt.robot.limits import PSM, Limits
 from lerobot_gcdt.robot.set_points import SetPoints, Trajectory
-from surrol_gym.psm.kinematics import INSERTION_OFFSET, JAW_LENGTH, JOINT_NAMES
+from surrol_gym.psm.kinematics import INSERTION_OFFSET, JOINT_NAMES
 
 SHAFT_RADIUS, GRIPPER_RADIUS = 0.0042, 0.0025
 """Of the instrument's shaft, and of its wrist with the jaws shut, metres (docs/dvrk.md#limits)."""
@@ -252,7 +253,7 @@ def _held(
 def _hinge(arm: SetPoints, frame: np.ndarray) -> np.ndarray:
     """Positions of link 5, (N, 3), in a frame in which the RCM has the pose ``frame``."""
     position, quaternion = arm.in_frame(frame)
-    return position - JAW_LENGTH * Rotation.from_quat(quaternion).as_matrix()[..., 2]
+    return tool_tip.to_link5(position, Rotation.from_quat(quaternion).as_matrix())[0]
 
 
 def _capsules(arm: SetPoints) -> Iterator[tuple[np.ndarray, np.ndarray, float]]:

@@ -6,11 +6,11 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from lerobot_gcdt.robot import tool_tip
 from lerobot_gcdt.robot.base_frame import TABLE_ORIGIN, Placement, arm_names, simulated
 from lerobot_gcdt.robot.episodes import STEP, Episode
 from lerobot_gcdt.robot.limits import PSM, Limits
 from surrol_gym.psm import kinematics
-from surrol_gym.psm.kinematics import JAW_LENGTH, TIP_AXES
 from surrol_gym.units import to_metres
 
 TRIES, LARGEST_STRETCH, MARGIN = 6, 4.0, 0.99
@@ -138,8 +138,7 @@ def tip_pose(joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     Returns:
         Positions, metres, (N, 3), and rotation matrices, (N, 3, 3).
     """
-    position, rotation = kinematics.forward(joints)
-    return position + JAW_LENGTH * rotation[..., 1], rotation @ TIP_AXES
+    return tool_tip.from_link5(*kinematics.forward(joints))
 
 
 def continuous(quaternions: np.ndarray) -> np.ndarray:
@@ -194,9 +193,7 @@ def _turns(rotations: Rotation) -> np.ndarray:
 
 def _joints(tips: RigidTransform) -> np.ndarray:
     """Joints that put the tool tip at poses in the RCM frame, (N, 6), of all turns of the roll near the middle one."""
-    rotation = tips.rotation.as_matrix()
-    hinge = tips.translation - JAW_LENGTH * rotation[..., 2]
-    joints = kinematics.inverse(hinge, rotation @ TIP_AXES.T, on_limit="ignore")
+    joints = tool_tip.joints(tips.translation, tips.rotation.as_matrix())
     roll = np.unwrap(joints[:, 3])
     joints[:, 3] = roll - 2 * np.pi * np.round((roll.min() + roll.max()) / (4 * np.pi))
     return joints
