@@ -207,7 +207,8 @@ def _add_benchmark(commands: Any) -> None:
         default=["gcdt,bc"],
         metavar="METHOD",
         help="types of policies, also separated by commas, and variants in quotes, as a name and what it stands for, "
-        "such as 'long=gcdt --policy.context_length=100 --steps=8000' (default gcdt,bc)",
+        "such as 'long=gcdt --policy.context_length=100 --steps=8000' (default gcdt,bc); --start=CHECKPOINT and "
+        "--dataset=NAME of a variant say what it begins with, and what it learns all tasks from",
     )
     benchmark.add_argument(
         "--seeds", type=_numbers, default=[0, 1, 2], help="seeds of the trainings, separated by commas (default 0,1,2)"

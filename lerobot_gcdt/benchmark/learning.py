@@ -21,7 +21,8 @@ from lerobot_gcdt.evaluation.checkpoints import keep_episodes
 from lerobot_gcdt.evaluation.tasks import check_starts
 from lerobot_gcdt.recording.demonstrations import dataset_name
 from lerobot_gcdt.training import train, training_seconds
-from lerobot_gcdt.training.stages import recipe, steps_to_train
+from lerobot_gcdt.training.outputs import existing_checkpoint
+from lerobot_gcdt.training.stages import policy_type, recipe, steps_to_train
 from lerobot_gcdt.training.trainer import check_options
 from surrol_gym.registry import find_task, task_name
 
@@ -34,12 +35,15 @@ EPISODE = [*CELL, "step", "seed"]
 PROCESS = f"{shlex.quote(sys.executable)} -m"
 """A training takes a process of its own, because a process keeps the precision of its first one."""
 
-STEPS, LOSSES = "--steps=", 80
-"""How a method says its own steps; rows in the loss file of a training, at most."""
+OWN = ("steps", "start", "dataset")
+"""Options of a method that are not those of `lerobot-train`."""
+
+LOSSES = 80
+"""Rows in the loss file of a training, at most."""
 
 
 class Method(NamedTuple):
-    """A way to train a policy from scratch.
+    """A way to train a policy.
 
     Attributes:
         name: Its name, also of its folder.
@@ -47,6 +51,8 @@ class Method(NamedTuple):
         steps: Optimiser steps.
         points: Checkpoints that are evaluated.
         options: Further arguments of `lerobot-train`.
+        start: Training, or folder of a checkpoint, that it begins with; None for random weights.
+        dataset: Name of the dataset that it learns all tasks from, in one training; None for one of each task's.
     """
 
     name: str
@@ -54,6 +60,8 @@ class Method(NamedTuple):
     steps: int
     points: int
     options: tuple[str, ...]
+    start: str | None = None
+    dataset: str | None = None
 
     @property
     def checkpoints(self) -> range:
@@ -74,13 +82,19 @@ class Cell(NamedTuple):
         """What its rows have in the columns ``CELL``."""
         return self.method.name, self.task, self.seed
 
+    @property
+    def folder(self) -> Path:
+        """Where the training lies in the output folder; tasks that are learned together share it."""
+        return Path(self.method.name, self.method.dataset or self.task, str(self.seed))
+
 
 def parse_method(text: str, points: int, steps: int | None = None, options: Iterable[str] = ()) -> Method:
     """Reads a method.
 
     Args:
         text: A type of policy, such as ``bc``, or a name and what it stands for, such as
-            ``long=gcdt --policy.context_length=100 --steps=8000``.
+            ``long=gcdt --policy.context_length=100 --steps=8000``. Beside options of `lerobot-train` it may hold
+            ``--steps``, ``--start`` and ``--dataset`` (``Method``).
         points: Checkpoints that are evaluated.
         steps: Steps where the text says none; None for those of ``lerobot_gcdt.training.stages.RECIPES``.
         options: Arguments of `lerobot-train` for all methods; those of the text win.
@@ -90,6 +104,7 @@ def parse_method(text: str, points: int, steps: int | None = None, options: Iter
 
     Raises:
         ValueError: The name cannot be that of a folder, or the type, the steps, the points or an option is bad.
+        FileNotFoundError: There is no checkpoint to start from.
     """
     first, *own = shlex.split(text) or [""]
     name, named, policy = first.partition("=")
@@ -99,20 +114,22 @@ def parse_method(text: str, points: int, steps: int | None = None, options: Iter
             f"{text!r} is no method; write a type of policy, such as gcdt, or a name and what it stands for, such as "
             "'long=gcdt --policy.context_length=100'."
         )
-    for option in own:
-        if option.startswith(STEPS):
-            if not option.removeprefix(STEPS).isdigit():
-                raise ValueError(f"The method {name} has {option}, which is no number of steps.")
-            steps = int(option.removeprefix(STEPS))
-    steps = steps_to_train(policy, recipe(policy, "scratch"), steps)
+    said = dict(option[2:].split("=", 1) for option in own if option.startswith(tuple(f"--{key}=" for key in OWN)))
+    if not said.get("steps", "1").isdigit():
+        raise ValueError(f"The method {name} has --steps={said['steps']}, which is no number of steps.")
+    start = existing_checkpoint(said["start"]) if "start" in said else None
+    if start and policy != (found := policy_type(start)):
+        raise ValueError(f"The method {name} is a policy of type {policy}, and {said['start']} is one of type {found}.")
+    steps = int(said["steps"]) if "steps" in said else steps
+    steps = steps_to_train(policy, recipe(policy, "finetune" if start else "scratch", start), steps)
     if points < 1 or steps % points:
         raise ValueError(f"The {steps} steps of the method {name} cannot be divided into {points} equal parts.")
-    settings = (*options, *(option for option in own if not option.startswith(STEPS)))
+    settings = (*options, *(option for option in own if option[2:].partition("=")[0] not in said))
     try:
         check_options([f"--policy.type={policy}", "--policy.push_to_hub=false", "--dataset.repo_id=any", *settings])
     except ValueError as error:
         raise ValueError(f"lerobot-train does not take the options of the method {name}: {error}") from None
-    return Method(name, policy, steps, points, settings)
+    return Method(name, policy, steps, points, settings, said.get("start"), said.get("dataset"))
 
 
 def benchmark(
@@ -133,7 +150,7 @@ def benchmark(
 
     Args:
         datasets: Folder of the datasets, named as the published ones.
-        output: Folder of the trainings, ``METHOD/TASK/SEED``, and of the results.
+        output: Folder of the trainings, ``METHOD/TASK/SEED`` or ``METHOD/DATASET/SEED``, and of the results.
         tasks: Names of the tasks.
         methods: As ``parse_method`` takes them.
         seeds: Seeds of the trainings.
@@ -152,35 +169,36 @@ def benchmark(
     Raises:
         ValueError: A method, a task, a number or an option is bad, or the output folder holds another method under one
             of the names.
-        FileNotFoundError: There is no dataset of a task.
+        FileNotFoundError: There is no dataset of a task, or no checkpoint to start from.
     """
     datasets, output = Path(datasets), Path(output)
     names = [task_name(find_task(task)) for task in tasks]
     check_starts(names, starts)
-    roots = {task: _dataset(datasets, task) for task in names}
     chosen = [parse_method(text, points, steps, options) for text in methods]
     _check_once("method", [method.name for method in chosen])
     _check_once("task", names)
     _check_once("seed", seeds)
-    _claim_folders(output, chosen)
     # With the seed outermost, all methods and tasks can be compared as soon as the first seed is through.
     cells = [Cell(method, task, seed) for seed in seeds for task in names for method in chosen]
+    roots = {cell: _dataset(datasets, cell) for cell in cells}
+    _claim_folders(output, chosen)
     numbers = _kept(output, cells, starts).groupby(CELL).size()
     finished = {cell for cell in cells if numbers.get(cell.key) == points * len(starts)}
     with tqdm(total=len(cells), initial=len(finished), desc="Benchmark", unit="training") as bar:
         for cell in cells:
             if cell not in finished:
-                keep_episodes(output / EPISODES_FILE, _run(cell, roots[cell.task], output, starts), EPISODE)
+                keep_episodes(output / EPISODES_FILE, _run(cell, roots[cell], output, starts), EPISODE)
                 write_report(pd.read_parquet(output / EPISODES_FILE), output)
                 bar.update()
     return _kept(output, cells, starts)
 
 
-def _dataset(datasets: Path, task: str) -> Path:
-    """The folder of a task's dataset, if there is one."""
-    root = datasets / dataset_name(task)
+def _dataset(datasets: Path, cell: Cell) -> Path:
+    """The folder of the dataset that a cell learns from, if there is one."""
+    root = datasets / (cell.method.dataset or dataset_name(cell.task))
     if not (root / "meta/info.json").exists():
-        raise FileNotFoundError(f"{root} holds no dataset; `gcdt record --task {task} --root {root}` records one.")
+        records = f"--all --root {datasets}" if cell.method.dataset else f"--task {cell.task} --root {root}"
+        raise FileNotFoundError(f"{root} holds no dataset; `gcdt record {records}` records one.")
     return root
 
 
@@ -219,12 +237,12 @@ def _kept(output: Path, cells: Sequence[Cell], starts: Sequence[int]) -> pd.Data
 
 def _run(cell: Cell, dataset: Path, output: Path, starts: Sequence[int]) -> pd.DataFrame:
     """Trains and evaluates one cell, or goes on with it; returns its episodes."""
-    method, folder = cell.method, output / cell.method.name / cell.task / str(cell.seed)
+    method, folder = cell.method, output / cell.folder
     every = method.checkpoints.step
     # A row of the loss file at each checkpoint, so that its seconds are known.
     row = min(n for n in range(min(every, max(1, method.steps // LOSSES)), every + 1) if every % n == 0)
     settings = [*method.options, f"--seed={cell.seed}", f"--save_freq={every}", f"--log_freq={row}"]
-    train(dataset, folder, method.policy, "scratch", steps=method.steps, launcher=PROCESS, options=settings)
+    train(dataset, folder, method.policy, None, method.start, method.steps, launcher=PROCESS, options=settings)
     points = []
     for step in method.checkpoints:
         checkpoint = get_step_checkpoint_dir(folder, method.steps, step) / "pretrained_model"

@@ -79,7 +79,7 @@ def train(
         raise FileNotFoundError(f"{dataset} holds no dataset; `gcdt record --task TASK --root {dataset}` records one.")
     if start is not None:
         start = existing_checkpoint(start)
-        found = json.loads((start / "config.json").read_text())["type"]
+        found = policy_type(start)
         if policy not in (None, found):
             raise ValueError(f"{start} is a policy of type {found}, not {policy}.")
         policy = found
@@ -127,6 +127,11 @@ def _arguments_to_reach(steps: int, output: Path, beginning: list[str], policy: 
     if int(last.resolve().name) >= steps:
         return None
     return [f"--config_path={config}", "--resume=true", *common]
+
+
+def policy_type(checkpoint: Path) -> str:
+    """Returns the type of the policy in a checkpoint's folder, such as ``"gcdt"``."""
+    return json.loads((checkpoint / "config.json").read_text())["type"]
 
 
 def recipe(policy: str, stage: str, start: Path | None = None) -> Recipe:

@@ -5,6 +5,7 @@ import shutil
 import pandas as pd
 import pytest
 
+from lerobot_gcdt import GENERALIST
 from lerobot_gcdt.benchmark import learning
 from lerobot_gcdt.benchmark.learning import benchmark, parse_method
 
@@ -38,8 +39,8 @@ def asked(monkeypatch):
     """The trainings asked for, folder and arguments; nothing is trained or drawn, and every episode succeeds."""
     calls = []
 
-    def train(dataset, folder, policy, stage, steps, launcher, options):
-        calls.append((dataset, folder, policy, stage, steps, options))
+    def train(dataset, folder, policy, stage, start, steps, launcher, options):
+        calls.append((dataset, folder, policy, stage, start, steps, options))
 
     def evaluate_checkpoint(checkpoint, tasks, seeds):
         return pd.DataFrame({"task": tasks[0], "seed": seeds, "reached": True, "held": True, "steps": 9.0})
@@ -90,8 +91,8 @@ def test_cells_differ_in_nothing_but_method_task_and_seed(datasets, tmp_path, as
     ends = ["--seed=7", "--save_freq=250", "--log_freq=25"], ["--seed=7", "--save_freq=100", "--log_freq=5"]
     own = [*common, "--policy.frames_per_sample=9"]
     assert asked == [
-        (root, tmp_path / "bc/NeedleReach/7", "bc", "scratch", 1000, [*common, *ends[0]]),
-        (root, tmp_path / "short/NeedleReach/7", "bc", "scratch", 400, [*own, *ends[1]]),
+        (root, tmp_path / "bc/NeedleReach/7", "bc", None, None, 1000, [*common, *ends[0]]),
+        (root, tmp_path / "short/NeedleReach/7", "bc", None, None, 400, [*own, *ends[1]]),
     ]
 
 
@@ -154,10 +155,26 @@ def test_a_name_never_comes_to_stand_for_another_method(datasets, tmp_path, aske
 
 
 def test_a_method_is_a_type_or_a_name_and_what_it_stands_for():
-    assert parse_method("bc", 4) == ("bc", "bc", 15_000, 4, ())
+    assert parse_method("bc", 4) == ("bc", "bc", 15_000, 4, (), None, None)
     long = parse_method("long=gcdt --policy.context_length=100 --steps=8", 2, 9, ["--batch_size=2"])
-    assert long == ("long", "gcdt", 8, 2, ("--batch_size=2", "--policy.context_length=100"))
+    assert long == ("long", "gcdt", 8, 2, ("--batch_size=2", "--policy.context_length=100"), None, None)
     assert list(long.checkpoints) == [4, 8]
+
+
+def test_a_method_may_begin_with_a_checkpoint(datasets, tmp_path, asked):
+    tuned = f"tuned=gcdt --start={GENERALIST}"
+    benchmark(datasets, tmp_path, ["NeedleReach", "NeedlePick"], [tuned], [0], starts=STARTS)
+    assert cells(asked, tmp_path) == ["tuned/NeedleReach/0", "tuned/NeedlePick/0"]
+    assert all((start, steps) == (str(GENERALIST), 2000) for *_, start, steps, _ in asked)
+
+
+def test_a_method_may_learn_all_tasks_together(datasets, tmp_path, asked):
+    shutil.copytree(datasets / "surrol_needle_reach", tmp_path / "datasets/all_tasks")
+    command = {"tasks": ["NeedleReach", "NeedlePick"], "methods": ["one=gcdt --dataset=all_tasks --steps=8"]}
+    episodes = benchmark(tmp_path / "datasets", tmp_path / "out", seeds=[0], starts=STARTS, **command)
+    assert [dataset.name for dataset, *_ in asked] == ["all_tasks", "all_tasks"]
+    assert cells(asked, tmp_path / "out") == ["one/all_tasks/0", "one/all_tasks/0"]  # the second time it is complete
+    assert set(episodes.task) == {"NeedleReach", "NeedlePick"}
 
 
 # Bad input.
@@ -172,6 +189,9 @@ def test_a_method_is_a_type_or_a_name_and_what_it_stands_for():
         ({"methods": ["bc", "bc"]}, "at least one method, each once"),
         ({"methods": ["act"]}, "type act .* --steps"),
         ({"methods": ["bc=bc --steps=many"]}, "The method bc has --steps=many"),
+        ({"methods": ["tuned=gcdt --start=nowhere"]}, "nowhere holds no checkpoint"),
+        ({"methods": [f"tuned=bc --start={GENERALIST}"]}, "tuned is a policy of type bc, .* one of type gcdt"),
+        ({"methods": ["one=bc --dataset=both"]}, "both holds no dataset; `gcdt record --all --root"),
         ({"methods": ["wide=bc --policy.width=9"]}, "method wide: .*`width` are not valid for BCConfig"),
         ({"methods": ["wide=bc policy.width=9"]}, "method wide: unrecognized arguments: policy.width=9"),
         ({"tasks": ["NeedleReach", "NeedleSew"]}, "Unknown task 'NeedleSew'; choose one of NeedleReach"),
