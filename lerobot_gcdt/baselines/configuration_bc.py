@@ -8,6 +8,7 @@ from lerobot.optim.schedulers import CosineDecayWithWarmupSchedulerConfig
 
 from lerobot_gcdt.data.single_frames import SingleFrames
 from lerobot_gcdt.errors import OptionError
+from lerobot_gcdt.precision import DTYPES
 
 
 @PreTrainedConfig.register_subclass("bc")
@@ -23,6 +24,8 @@ class BCConfig(SingleFrames):
         frames_per_sample: Training frames that are drawn for each sample of a batch.
         hindsight_ratio: Share of the training frames whose goal is replaced by one achieved later in the episode.
         relative_goal: Whether the network also reads what is left to the goal.
+        dtype: Arithmetic of the layers between the first and the last in training: ``"bfloat16"``, ``"float32"``, or
+            ``"auto"`` for the faster of the two on the device (``lerobot_gcdt.precision``). All else is in float32.
         task_dims: Sizes ``[observation, goal, action]`` of the task, by task sentence. Filled from the dataset.
         optimizer_lr: Peak learning rate of AdamW, decayed along a cosine over the whole training.
     """
@@ -32,6 +35,7 @@ class BCConfig(SingleFrames):
     frames_per_sample: int = 64
     hindsight_ratio: float = 0.0
     relative_goal: bool = True
+    dtype: str = "auto"
     task_dims: dict[str, list[int]] = field(default_factory=dict)
     optimizer_lr: float = 1e-3
 
@@ -42,6 +46,8 @@ class BCConfig(SingleFrames):
         for name in ("dropout", "hindsight_ratio"):
             if not 0 <= getattr(self, name) <= 1:
                 raise OptionError(f"policy.{name} must lie in [0, 1], got {getattr(self, name)}.")
+        if self.dtype not in DTYPES:
+            raise OptionError(f"policy.dtype must be 'auto', 'bfloat16' or 'float32', got {self.dtype!r}.")
 
     def get_optimizer_preset(self) -> AdamWConfig:
         """Returns AdamW."""

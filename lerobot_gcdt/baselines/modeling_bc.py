@@ -1,7 +1,7 @@
 """Behavioural cloning with a perceptron: the baseline that a sequence model has to beat."""
 
 import itertools
-from collections.abc import Iterator
+from typing import Any
 
 import torch
 from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
@@ -14,6 +14,7 @@ from lerobot_gcdt.data.statistics import mean_and_std, mean_of_each
 from lerobot_gcdt.data.task_layouts import task_layouts
 from lerobot_gcdt.data.trajectories import TrajectoryBank
 from lerobot_gcdt.keys import ACHIEVED_GOAL, ACTION, GOAL, STATE
+from lerobot_gcdt.precision import training_precision
 
 
 class BCPolicy(PreTrainedPolicy):
@@ -90,7 +91,8 @@ class BCPolicy(PreTrainedPolicy):
             pieces = bank.pieces(index, 1)
         cuts = bank.draw_cuts(pieces, config.hindsight_ratio if self.training else 0.0)
         items = {key: value[:, 0] for key, value in bank.sequences(pieces, cuts).items.items()}
-        errors = (self._act(items) - items[ACTION]).square().mean(-1)
+        with training_precision(config.dtype, index.device.type):
+            errors = (self._act(items) - items[ACTION]).square().mean(-1)
         if reduction == "none":
             return mean_of_each(errors, pieces.source, len(index)), {}
         return errors.mean(), {"action_loss": errors.mean().item()}
@@ -107,9 +109,9 @@ class BCPolicy(PreTrainedPolicy):
     def reset(self) -> None:
         """Does nothing: there is no memory."""
 
-    def get_optim_params(self) -> Iterator[nn.Parameter]:
-        """Returns all parameters."""
-        return self.parameters()
+    def get_optim_params(self) -> list[dict[str, Any]]:
+        """Returns all parameters, to be updated by PyTorch's fused optimiser."""
+        return [{"params": list(self.parameters()), "fused": True}]
 
     def _inputs(self, items: dict[str, Tensor]) -> Tensor:
         parts = [items[STATE], items[GOAL]]
@@ -118,4 +120,10 @@ class BCPolicy(PreTrainedPolicy):
         return torch.cat(parts, dim=-1)
 
     def _act(self, items: dict[str, Tensor]) -> Tensor:
-        return self.network((self._inputs(items) - self.mean) / self.std)
+        inputs = (self._inputs(items) - self.mean) / self.std
+        # Corrections near a goal are small beside the observations; only the layers between may work in bfloat16.
+        with torch.autocast(inputs.device.type, enabled=False):
+            first = self.network[:2](inputs)
+        between = self.network[2:-2](first)
+        with torch.autocast(inputs.device.type, enabled=False):
+            return self.network[-2:](between.float())

@@ -17,8 +17,8 @@ from lerobot.datasets.lerobot_dataset import LeRobotDataset
 from lerobot_gcdt.keys import ACHIEVED_GOAL, GOAL, REQUIRED_KEYS, STATE
 from lerobot_gcdt.policy.configuration_gcdt import GCDTConfig
 from lerobot_gcdt.policy.modeling_gcdt import GCDTPolicy
-from lerobot_gcdt.policy.precision import faster_precision
 from lerobot_gcdt.policy.tokens import ORDER
+from lerobot_gcdt.precision import faster_precision, training_precision
 from lerobot_gcdt.recording import record
 
 BATCH, WINDOW = 8, 50
@@ -72,7 +72,7 @@ def measure(root: Path, device: str, context_length: int, rounds: int = 10) -> l
 
     def bare() -> torch.Tensor:
         tokens = torch.randn(r, s * kinds, config.width, device=device)
-        with policy._training_precision():
+        with training_precision(config.dtype, device):
             return policy.transformer(tokens, mask.to(policy._compute_dtype())).square().mean()
 
     def whole() -> torch.Tensor:

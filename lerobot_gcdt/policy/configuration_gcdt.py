@@ -9,6 +9,7 @@ from lerobot.optim.schedulers import CosineDecayWithWarmupSchedulerConfig
 from lerobot_gcdt.data.single_frames import SingleFrames
 from lerobot_gcdt.errors import OptionError
 from lerobot_gcdt.policy.objectives import OBJECTIVES
+from lerobot_gcdt.precision import DTYPES
 
 SIZES = ("layers", "heads", "width", "inner_width", "max_timesteps")
 """Options that decide the shapes of the shared weights."""
@@ -57,7 +58,7 @@ class GCDTConfig(SingleFrames):
             frame of a batch. 100 is the paper's.
         hidden_ratio: Share of the items that sequence reconstruction hides.
         dtype: Arithmetic of the transformer in training: ``"bfloat16"``, ``"float32"``, or ``"auto"`` for the faster of
-            the two on the device (``lerobot_gcdt.policy.precision``). Weights and inference are always in float32.
+            the two on the device (``lerobot_gcdt.precision``). Weights and inference are always in float32.
         task_dims: Sizes ``[observation, goal, action]`` of each task, by task sentence. Filled from the dataset.
         expected_steps: Mean steps to the goal of each task, by task sentence: where time-to-goal starts at test time
             if it counts down. Filled from the dataset.
@@ -131,7 +132,7 @@ class GCDTConfig(SingleFrames):
             raise OptionError(f"policy.training_stage must be 'pretrain' or 'finetune', got {self.training_stage!r}.")
         if self.optimizer_lr <= 0:
             raise OptionError(f"policy.optimizer_lr must be positive, got {self.optimizer_lr}.")
-        if self.dtype not in ("auto", "bfloat16", "float32"):
+        if self.dtype not in DTYPES:
             raise OptionError(f"policy.dtype must be 'auto', 'bfloat16' or 'float32', got {self.dtype!r}.")
 
     @property

@@ -19,9 +19,9 @@ from lerobot_gcdt.keys import ACHIEVED_GOAL, ACTION, GOAL, STATE, TIME_TO_GOAL
 from lerobot_gcdt.policy.configuration_gcdt import GCDTConfig
 from lerobot_gcdt.policy.history import History
 from lerobot_gcdt.policy.objectives import OBJECTIVES, action_errors, mean_over_processes, time_to_goal_error
-from lerobot_gcdt.policy.precision import faster_precision
 from lerobot_gcdt.policy.tokens import ORDER, TaskModules, module_names
 from lerobot_gcdt.policy.transformer import Transformer
+from lerobot_gcdt.precision import training_precision
 
 TOKENS = len(ORDER)
 """Tokens a step."""
@@ -137,7 +137,7 @@ class GCDTPolicy(PreTrainedPolicy):
             bank = self.bank.to(index.device)
             length = self.config.context_length
             sequences = self._draw(index, length) if self.training else bank.sequences(bank.pieces(index, length))
-        with self._training_precision():
+        with training_precision(self.config.dtype, index.device.type):
             without_time = self._without_time(sequences)
             states = self.read(sequences, without_time)
             errors = action_errors(self, sequences, states)
@@ -399,11 +399,6 @@ class GCDTPolicy(PreTrainedPolicy):
             allowed &= step[:, None] - step[None, :] < context_length
         mask = torch.zeros(r, 1, s * kinds, s * kinds, device=segment.device, dtype=self._compute_dtype())
         return mask.masked_fill(~allowed[:, None], float("-inf"))
-
-    def _training_precision(self) -> torch.autocast:
-        device = self.training_step.device.type
-        dtype = faster_precision(device) if self.config.dtype == "auto" else getattr(torch, self.config.dtype)
-        return torch.autocast(device, torch.bfloat16, enabled=dtype == torch.bfloat16)
 
     def _full_precision(self) -> torch.autocast:
         # Corrections near a goal are small beside the observations; only the transformer may work in bfloat16.

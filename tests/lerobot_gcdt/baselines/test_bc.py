@@ -69,6 +69,16 @@ def test_the_unreduced_loss_has_an_entry_a_frame(policy):
     assert each.mean().item() == pytest.approx(policy.forward(batch)[0].item(), rel=1e-5)
 
 
+@pytest.mark.parametrize("dtype", ["bfloat16", "float32"])
+def test_only_the_layers_between_train_in_the_chosen_precision(policy, dtype):
+    policy.config.dtype, seen = dtype, []
+    for layer in policy.network[::2]:
+        layer.register_forward_hook(lambda _, __, output: seen.append(output.dtype))
+    policy.forward({"index": torch.arange(0, 200, 50)})
+    policy.select_action(observation(2))
+    assert seen == [torch.float32, getattr(torch, dtype), torch.float32] + 3 * [torch.float32]
+
+
 def test_a_saved_policy_acts_the_same(policy, tmp_path):
     batch = observation(3)
     action = policy.select_action(batch)
@@ -87,7 +97,7 @@ def test_training_without_a_dataset_is_an_error(policy):
         BCPolicy(config).forward({"index": torch.tensor([0])})
 
 
-@pytest.mark.parametrize("bad", [{"hindsight_ratio": 1.5}, {"frames_per_sample": 0}], ids=str)
+@pytest.mark.parametrize("bad", [{"hindsight_ratio": 1.5}, {"frames_per_sample": 0}, {"dtype": "half"}], ids=str)
 def test_a_bad_number_is_named(bad):
     [(name, value)] = bad.items()
     with pytest.raises(OptionError, match=f"{name}.*{value}"):

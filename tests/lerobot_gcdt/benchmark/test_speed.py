@@ -5,7 +5,7 @@ import re
 import pytest
 
 from lerobot_gcdt.benchmark.speed import measure
-from lerobot_gcdt.policy.precision import faster_precision
+from lerobot_gcdt.precision import faster_precision
 
 
 @pytest.fixture(scope="module")

@@ -7,10 +7,9 @@ import torch
 from lerobot.datasets.lerobot_dataset import LeRobotDatasetMetadata
 from safetensors.torch import load_file, save_file
 
-from lerobot_gcdt import GCDTConfig, GCDTPolicy
+from lerobot_gcdt import GCDTConfig, GCDTPolicy, precision
 from lerobot_gcdt.data.statistics import SMALLEST_STD
 from lerobot_gcdt.keys import ACHIEVED_GOAL, ACTION, GOAL, STATE, TIME_TO_GOAL
-from lerobot_gcdt.policy import modeling_gcdt
 
 PICK = "Pick up the needle and bring its middle to the goal."
 REACH = "Move the closed jaw tips to the point above the needle."
@@ -312,7 +311,7 @@ def test_an_optimiser_step_lowers_the_loss(policy):
 )
 def test_only_the_transformer_trains_in_the_chosen_precision(policy, monkeypatch, dtype, chosen):
     policy.config.dtype = dtype
-    monkeypatch.setattr(modeling_gcdt, "faster_precision", lambda device: getattr(torch, chosen))
+    monkeypatch.setattr(precision, "faster_precision", lambda device: getattr(torch, chosen))
     seen = []
     layer = policy.transformer.blocks[0].mlp[0]
     layer.register_forward_hook(lambda _, __, output: seen.append(output.dtype))

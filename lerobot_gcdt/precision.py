@@ -10,11 +10,25 @@ import time
 
 import torch
 
+DTYPES = ("auto", "bfloat16", "float32")
+"""What ``training_precision`` knows."""
+
 ROWS, INPUTS, OUTPUTS = 1024, 128, 512
 """Of the products that are timed: those of GCDT's perceptrons."""
 
 CLEARLY = 0.9
 """Share of the time of float32 below which bfloat16 is worth its rounding."""
+
+
+def training_precision(dtype: str, device: str) -> torch.autocast:
+    """Returns the context in which a network trains.
+
+    Args:
+        dtype: ``"bfloat16"``, ``"float32"``, or ``"auto"`` for the faster of the two.
+        device: Type of the device, such as ``"cpu"``.
+    """
+    chosen = faster_precision(device) if dtype == "auto" else getattr(torch, dtype)
+    return torch.autocast(device, torch.bfloat16, enabled=chosen == torch.bfloat16)
 
 
 @functools.cache

@@ -5,7 +5,7 @@ import logging
 import pytest
 import torch
 
-from lerobot_gcdt.policy import precision
+from lerobot_gcdt import precision
 
 
 @pytest.fixture(autouse=True)
