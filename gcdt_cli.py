@@ -104,6 +104,7 @@ def _add_record(commands: Any) -> None:
         help="with --all: what the episodes are compared with (default: that of the published ones)",
     )
     record.add_argument("--write_manifest", action="store_true", help="with --all: write the manifest instead")
+    _add_sensors(record, "imperfect sensors, with --task: the expert acts by the truth")
     record.set_defaults(run=_record)
 
 
@@ -179,11 +180,7 @@ def _add_evaluate(commands: Any) -> None:
         "--episodes", type=Path, metavar="FILE", help="keep the episodes in this Parquet file instead"
     )
     evaluate.add_argument("--film", action="store_true", help="also film the first three, beside the checkpoint")
-    sensors = evaluate.add_argument_group("imperfect sensors, with --episodes")
-    sensors.add_argument("--position_std", type=float, default=0.0, help="noise of each coordinate, su (default 0)")
-    sensors.add_argument("--angle_std", type=float, default=0.0, help="noise of each angle, radians (default 0)")
-    sensors.add_argument("--dropout", type=float, default=0.0, help="probability that a step is missed (default 0)")
-    sensors.add_argument("--delay", type=int, default=0, help="steps by which what is shown lags (default 0)")
+    _add_sensors(evaluate, "imperfect sensors, with --episodes")
     evaluate.set_defaults(run=_evaluate)
 
 
@@ -230,6 +227,7 @@ def _add_benchmark(commands: Any) -> None:
     benchmark.add_argument(
         "options", nargs="*", metavar="-- OPTION", help="more arguments of lerobot-train, of all methods, after --"
     )
+    _add_sensors(benchmark, "imperfect sensors, through which all policies see")
     benchmark.set_defaults(run=_benchmark)
 
 
@@ -272,6 +270,21 @@ def _add_export_dvrk(commands: Any) -> None:
     export.add_argument("--bag", action="store_true", help="also write a ROS 2 bag (mcap), which needs the extra dvrk")
     export.add_argument("--allow_unsafe", action="store_true", help="write a trajectory that breaks limits, too")
     export.set_defaults(run=_export_dvrk)
+
+
+def _add_sensors(command: argparse.ArgumentParser, title: str) -> None:
+    sensors = command.add_argument_group(title)
+    sensors.add_argument("--position_std", type=float, default=0.0, help="noise of each coordinate, su (default 0)")
+    sensors.add_argument("--angle_std", type=float, default=0.0, help="noise of each angle, radians (default 0)")
+    sensors.add_argument("--dropout", type=float, default=0.0, help="probability that a step is missed (default 0)")
+    sensors.add_argument("--delay", type=int, default=0, help="steps by which what is shown lags (default 0)")
+
+
+def _sensors(options: argparse.Namespace) -> dict[str, float]:
+    """What the options of ``_add_sensors`` say, without those that leave sensors perfect."""
+    from surrol_gym.wrappers import PERFECT
+
+    return {name: value for name in PERFECT if (value := getattr(options, name))}
 
 
 def _names(text: str) -> list[str]:
@@ -317,6 +330,9 @@ def _record(options: argparse.Namespace) -> None:
         raise ValueError(f"--mix {options.mix:g} needs a policy to mix with: --policy.")
     if options.teleop and (options.all or options.policy or options.disturb):
         raise ValueError("--teleop lets a person act alone, in a single task; leave out --all, --policy and --disturb.")
+    sensors = _sensors(options)
+    if sensors and (options.all or options.teleop):
+        raise ValueError(f"Imperfect sensors ({', '.join(sensors)}) are for --task, with an expert or a policy.")
     if options.teleop:
         _check_window(options.task)
 
@@ -327,7 +343,8 @@ def _record(options: argparse.Namespace) -> None:
 
     extras = Extras(options.fields, options.cameras, options.camera_size)
     if not options.all:
-        who = {"learner": _learner(options.policy, options.task, options.mix or 0.0) if options.policy else None}
+        who: dict[str, Any] = {"sensors": sensors or None}
+        who["learner"] = _learner(options.policy, options.task, options.mix or 0.0) if options.policy else None
         if options.teleop:
             from lerobot_gcdt.robot.person import seat
 
@@ -411,9 +428,7 @@ def _evaluate(options: argparse.Namespace) -> None:
     _check_tasks(options.tasks or [])
     if options.episodes and len(options.trainings) > 1:
         raise ValueError(f"--episodes keeps those of a single training, got {', '.join(options.trainings)}.")
-    from surrol_gym.wrappers import PERFECT
-
-    sensors = {name: value for name in PERFECT if (value := getattr(options, name))}
+    sensors = _sensors(options)
     if sensors and not options.episodes:
         raise ValueError(f"Episodes of imperfect sensors ({', '.join(sensors)}) need a file of their own: --episodes.")
     for training in [] if options.episodes else options.trainings:
@@ -448,7 +463,8 @@ def _benchmark(options: argparse.Namespace) -> None:
 
     starts = range(options.first_seed, options.first_seed + options.starts)
     asked = {name: getattr(options, name) for name in ("datasets", "output", "tasks", "seeds", "steps", "points")}
-    episodes = benchmark(methods=_methods(options.methods), starts=starts, options=options.options, **asked)
+    asked |= {"options": options.options, "sensors": _sensors(options)}
+    episodes = benchmark(methods=_methods(options.methods), starts=starts, **asked)
     print(success_table(success_rates(episodes)))
     print(f"The episodes, this table and a figure lie in {options.output}.")
 

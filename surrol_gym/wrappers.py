@@ -1,6 +1,7 @@
 """Imperfect sensors: what is shown is noisy, missed or late; rewards and experts go by the truth."""
 
 from collections import deque
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
@@ -17,6 +18,31 @@ SENSORS = 2
 
 PERFECT = {"position_std": 0.0, "angle_std": 0.0, "dropout": 0.0, "delay": 0}
 """Arguments of sensors that show the truth."""
+
+
+def complete_sensors(arguments: Mapping[str, Any] | None) -> dict[str, Any]:
+    """Checks arguments of ``ImperfectSensors`` and adds those that are left out.
+
+    Args:
+        arguments: Some of its arguments, by name; None for perfect sensors.
+
+    Returns:
+        All of them, in the order of ``PERFECT``.
+
+    Raises:
+        ValueError: One is unknown or out of range.
+    """
+    if unknown := sorted(set(arguments or {}) - set(PERFECT)):
+        raise ValueError(f"Sensors have no {', '.join(unknown)}; choose from {', '.join(PERFECT)}.")
+    sensors = PERFECT | dict(arguments or {})
+    for name in ("position_std", "angle_std"):
+        if not 0 <= sensors[name] < np.inf:
+            raise ValueError(f"{name} must be a finite number from 0 on, got {sensors[name]}.")
+    if not 0 <= sensors["dropout"] <= 1:
+        raise ValueError(f"dropout is a probability, in [0, 1]; got {sensors['dropout']}.")
+    if not isinstance(sensors["delay"], int | np.integer) or sensors["delay"] < 0:
+        raise ValueError(f"delay must be a whole number of steps from 0 on, got {sensors['delay']!r}.")
+    return sensors
 
 
 class ImperfectSensors(gym.Wrapper, gym.utils.RecordConstructorArgs):
@@ -59,16 +85,8 @@ class ImperfectSensors(gym.Wrapper, gym.utils.RecordConstructorArgs):
         dropout: float = 0.0,
         delay: int = 0,
     ):
-        for name, std in (("position_std", position_std), ("angle_std", angle_std)):
-            if not 0 <= std < np.inf:
-                raise ValueError(f"{name} must be a finite number from 0 on, got {std}.")
-        if not 0 <= dropout <= 1:
-            raise ValueError(f"dropout is a probability, in [0, 1]; got {dropout}.")
-        if not isinstance(delay, int | np.integer) or delay < 0:
-            raise ValueError(f"delay must be a whole number of steps from 0 on, got {delay!r}.")
-        gym.utils.RecordConstructorArgs.__init__(
-            self, position_std=position_std, angle_std=angle_std, dropout=dropout, delay=delay
-        )
+        arguments = {"position_std": position_std, "angle_std": angle_std, "dropout": dropout, "delay": delay}
+        gym.utils.RecordConstructorArgs.__init__(self, **complete_sensors(arguments))
         gym.Wrapper.__init__(self, env)
         task = self.unwrapped
         if not getattr(task, "observation_quantities", ()):

@@ -7,9 +7,9 @@ episode; the table and the figure are drawn from nothing else.
 import json
 import shlex
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import pandas as pd
 from lerobot.common.train_utils import get_step_checkpoint_dir
@@ -17,7 +17,7 @@ from tqdm import tqdm
 
 from lerobot_gcdt.benchmark.report import write_report
 from lerobot_gcdt.evaluation import evaluate_checkpoint
-from lerobot_gcdt.evaluation.checkpoints import keep_episodes
+from lerobot_gcdt.evaluation.checkpoints import keep_episodes, keeps_other_sensors
 from lerobot_gcdt.evaluation.tasks import check_starts
 from lerobot_gcdt.recording.demonstrations import dataset_name
 from lerobot_gcdt.training import train, training_seconds
@@ -25,8 +25,10 @@ from lerobot_gcdt.training.outputs import existing_checkpoint
 from lerobot_gcdt.training.stages import policy_type, recipe, steps_to_train
 from lerobot_gcdt.training.trainer import check_options
 from surrol_gym.registry import find_task, task_name
+from surrol_gym.wrappers import PERFECT, complete_sensors
 
 EPISODES_FILE = "episodes.parquet"
+EPISODES_OF_SENSORS = "episodes_of_sensors.parquet"
 SETTINGS_FILE = "method.json"
 CELL = ["method", "task", "training_seed"]
 EPISODE = [*CELL, "step", "seed"]
@@ -142,6 +144,7 @@ def benchmark(
     points: int = 4,
     starts: Sequence[int] = range(20_000, 20_200),
     options: Sequence[str] = (),
+    sensors: Mapping[str, Any] | None = None,
 ) -> pd.DataFrame:
     """Trains methods on tasks with several seeds, and evaluates checkpoints along the way.
 
@@ -160,6 +163,8 @@ def benchmark(
         starts: Seeds of the starts that each is evaluated from. Demonstrations count up from 0; those from 100000 on
             are for reporting.
         options: Arguments of `lerobot-train` for all methods.
+        sensors: As ``lerobot_gcdt.evaluation.evaluate`` takes them; the datasets should have been recorded through the
+            same.
 
     Returns:
         The episodes of these cells, points and starts: ``method``, ``task``, ``training_seed``, ``step``, ``seconds``
@@ -181,13 +186,16 @@ def benchmark(
     # With the seed outermost, all methods and tasks can be compared as soon as the first seed is through.
     cells = [Cell(method, task, seed) for seed in seeds for task in names for method in chosen]
     roots = {cell: _dataset(datasets, cell) for cell in cells}
+    described = complete_sensors(sensors)
+    if keeps_other_sensors(output / EPISODES_FILE, described):
+        raise ValueError(f"{output} keeps episodes of other sensors than {described}; choose another --output.")
     _claim_folders(output, chosen)
     numbers = _kept(output, cells, starts).groupby(CELL).size()
     finished = {cell for cell in cells if numbers.get(cell.key) == points * len(starts)}
     with tqdm(total=len(cells), initial=len(finished), desc="Benchmark", unit="training") as bar:
         for cell in cells:
             if cell not in finished:
-                keep_episodes(output / EPISODES_FILE, _run(cell, roots[cell], output, starts), EPISODE)
+                keep_episodes(output / EPISODES_FILE, _run(cell, roots[cell], output, starts, described), EPISODE)
                 write_report(pd.read_parquet(output / EPISODES_FILE), output)
                 bar.update()
     return _kept(output, cells, starts)
@@ -235,7 +243,7 @@ def _kept(output: Path, cells: Sequence[Cell], starts: Sequence[int]) -> pd.Data
     return asked.merge(kept[kept.seed.isin(starts)])
 
 
-def _run(cell: Cell, dataset: Path, output: Path, starts: Sequence[int]) -> pd.DataFrame:
+def _run(cell: Cell, dataset: Path, output: Path, starts: Sequence[int], sensors: dict[str, float]) -> pd.DataFrame:
     """Trains and evaluates one cell, or goes on with it; returns its episodes."""
     method, folder = cell.method, output / cell.folder
     every = method.checkpoints.step
@@ -246,7 +254,9 @@ def _run(cell: Cell, dataset: Path, output: Path, starts: Sequence[int]) -> pd.D
     points = []
     for step in method.checkpoints:
         checkpoint = get_step_checkpoint_dir(folder, method.steps, step) / "pretrained_model"
-        episodes = evaluate_checkpoint(checkpoint, [cell.task], starts)
+        file = None if sensors == PERFECT else checkpoint.parent / EPISODES_OF_SENSORS
+        episodes = evaluate_checkpoint(checkpoint, [cell.task], starts, file=file, sensors=sensors)
         facts = dict(zip(CELL, cell.key, strict=True)) | {"step": step, "seconds": training_seconds(folder, step)}
-        points.append(episodes.assign(**facts)[[*EPISODE[:-1], "seconds", "seed", "reached", "held", "steps"]])
+        facts |= {} if sensors == PERFECT else sensors
+        points.append(episodes.assign(**facts)[[*facts, "seed", "reached", "held", "steps"]])
     return pd.concat(points, ignore_index=True)

@@ -13,7 +13,7 @@ from lerobot_gcdt.evaluation.loading import load_policy
 from lerobot_gcdt.evaluation.rollout import evaluate
 from lerobot_gcdt.evaluation.tasks import check_starts, tasks_of
 from surrol_gym.registry import find_task, task_name
-from surrol_gym.wrappers import PERFECT
+from surrol_gym.wrappers import PERFECT, complete_sensors
 
 
 def episodes_file(checkpoint: str | Path) -> Path:
@@ -57,7 +57,11 @@ def evaluate_checkpoint(
             "them, as in --episodes episodes.parquet."
         )
     file = Path(file) if file else episodes_file(checkpoint)
-    _check_sensors(file, PERFECT | dict(sensors or {}), beside=episodes_file(checkpoint))
+    described = complete_sensors(sensors)
+    for_others = described != PERFECT and file.resolve() == episodes_file(checkpoint)
+    if for_others or keeps_other_sensors(file, described):
+        told = ", ".join(f"{name} {value:g}" for name, value in described.items())
+        raise ValueError(f"{file} is not for episodes of sensors with {told}; name another file with --episodes.")
     tasks, policy = tasks_of(checkpoint, tasks), None
     check_starts(tasks, seeds)
     names = {task: task_name(find_task(task)) for task in tasks}
@@ -70,12 +74,10 @@ def evaluate_checkpoint(
     return _read(file).set_index(["task", "seed"]).loc[asked].reset_index()
 
 
-def _check_sensors(file: Path, sensors: dict[str, float], beside: Path) -> None:
-    """Raises ValueError if the file keeps, or is meant for, episodes of other sensors."""
+def keeps_other_sensors(file: Path, sensors: Mapping[str, Any]) -> bool:
+    """Returns whether a file keeps episodes of other sensors than these (``complete_sensors``)."""
     kept = _read(file).reindex(columns=[*PERFECT]).fillna(PERFECT)
-    if not (kept == pd.Series(sensors)).all(axis=None) or (sensors != PERFECT and file.resolve() == beside):
-        told = ", ".join(f"{name} {value:g}" for name, value in sensors.items())
-        raise ValueError(f"{file} is not for episodes of sensors with {told}; name another file with --episodes.")
+    return not (kept == pd.Series(sensors)).all(axis=None)
 
 
 def _read(file: Path) -> pd.DataFrame:

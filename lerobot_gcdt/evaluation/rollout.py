@@ -14,7 +14,7 @@ from lerobot_gcdt.environment.policy_input import check_processed, observation_b
 from lerobot_gcdt.environment.surrol_env import CameraPictures
 from lerobot_gcdt.evaluation.tasks import check_starts
 from surrol_gym.registry import find_task, task_name, task_spec
-from surrol_gym.wrappers import PERFECT, ImperfectSensors
+from surrol_gym.wrappers import PERFECT, ImperfectSensors, complete_sensors
 
 
 def evaluate(
@@ -50,7 +50,7 @@ def evaluate(
     check_starts(tasks, seeds)
     if batch_size < 1:
         raise ValueError(f"batch_size must be positive, got {batch_size}.")
-    described = PERFECT | dict(sensors or {})
+    described = complete_sensors(sensors)
     columns = {} if described == PERFECT else described
     finished = []
     with tqdm(total=len(tasks) * len(seeds), unit="episode") as bar:

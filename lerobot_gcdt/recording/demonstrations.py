@@ -9,10 +9,11 @@ import json
 import os
 import re
 import shutil
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import datasets
 import gymnasium as gym
@@ -29,6 +30,7 @@ from lerobot_gcdt.recording.persons import Person
 from lerobot_gcdt.recording.writing import save_episode
 from surrol_gym.by_hand import Stop
 from surrol_gym.envs.psm_env import Mount, unwrapped
+from surrol_gym.wrappers import ImperfectSensors, complete_sensors
 
 RECORDING_FILE = "meta/surrol.json"
 """Beside LeRobot's metadata: what it takes to replay any episode, and how the expert did."""
@@ -61,6 +63,7 @@ class Recording:
         policy: The policy that acts in the expert's place; None where the expert always acts.
         mix: Probability of the expert's action where the policy acts.
         human: Teleoperator with which a person acted; None where no person did.
+        sensors: Arguments of the imperfect sensors that observations are recorded through; None for perfect ones.
     """
 
     env_id: str
@@ -72,6 +75,7 @@ class Recording:
     policy: str | None = None
     mix: float | None = None
     human: str | None = None
+    sensors: dict[str, Any] | None = None
 
     def facts(self) -> dict:
         """Returns what files say of it: a policy and a person only where there is one."""
@@ -93,6 +97,7 @@ def record(
     on_episode: Callable[[], None] | None = None,
     learner: Learner | None = None,
     person: Person | None = None,
+    sensors: Mapping[str, Any] | None = None,
 ) -> Path:
     """Records successful episodes of a task as a LeRobot dataset: the expert's, those that it saves, or a person's.
 
@@ -106,12 +111,14 @@ def record(
         on_episode: Called for every episode that is there; nothing is printed then.
         learner: A policy that acts in the expert's place; None where the expert always acts.
         person: Somebody who acts instead of the expert, in a window; their episodes have their own lengths.
+        sensors: Arguments of ``surrol_gym.wrappers.ImperfectSensors``, through which observations and achieved goals
+            are recorded, while the expert acts by the truth; None for perfect ones.
 
     Returns:
         The folder.
 
     Raises:
-        ValueError: The task is unknown, a number is out of range, or the folder holds something else.
+        ValueError: The task is unknown, a number or a sensor is out of range, or the folder holds something else.
         OSError: The disk is full, something else keeps files from being written, or another process records there;
             what is finished is kept.
         RuntimeError: The expert fails again and again, or the person stops; what is finished is kept.
@@ -127,6 +134,8 @@ def record(
         wanted = replace(wanted, policy=learner.name, mix=float(learner.mix))
     if person:
         wanted = replace(wanted, human=person.name)
+    if sensors:
+        wanted = replace(wanted, sensors=complete_sensors(sensors))
     extras.check(wanted.env_id)
     parts = root.with_name(root.name + ".recording")
     if root.exists():
@@ -177,7 +186,7 @@ def run_episode(
     Where a policy acts, the disturbance is what its action, and a push, differ from the expert's by.
 
     Args:
-        env: The environment.
+        env: The environment; through ``surrol_gym.wrappers.ImperfectSensors`` the expert sees the truth.
         seed: Seed of the reset, of the pushes and of whose turn it is.
         disturb: Largest push, in units of an action.
         extras: What to observe beside the environment's own observation.
@@ -189,11 +198,11 @@ def run_episode(
     """
     expert = surrol_gym.make_expert(env)
     rng = np.random.default_rng([seed, PUSHES])
-    observation, _ = env.reset(seed=seed)
+    observation, info = env.reset(seed=seed)
     choose = learner.begin(env, seed) if learner else None
     frames, truncated = [], False
     while not truncated:
-        action = expert.act(observation)
+        action = expert.act(info.get("true_observation", observation))
         chosen = choose(observation, action) if choose else action
         push = disturb * _push(rng, chosen, unwrapped(env).mounts)
         disturbance = (chosen - action) + push + 0.0  # turns -0 into 0
@@ -227,6 +236,8 @@ def _make(
     """Records what is missing among the finished episodes, and builds the dataset."""
     _prepare_parts(wanted, parts)
     env = gym.make(wanted.env_id, render_mode="human" if person and person.window else None)
+    if wanted.sensors:
+        env = ImperfectSensors(env, **wanted.sensors)
     try:
         kept = _record_episodes(env, wanted, parts, on_episode, learner, person)
         facts = wanted.facts() | {

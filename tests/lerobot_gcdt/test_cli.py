@@ -55,7 +55,7 @@ def test_all_published_datasets_are_recorded_with_their_settings(capsys, monkeyp
 
 def test_a_single_task_is_recorded_without_pushes_unless_they_are_asked_for(monkeypatch):
     calls = []
-    monkeypatch.setattr("lerobot_gcdt.recording.record", lambda *arguments, learner: calls.append(arguments))
+    monkeypatch.setattr("lerobot_gcdt.recording.record", lambda *arguments, learner, sensors: calls.append(arguments))
     command = ["record", "--task", "NeedlePick", "--root", "x"]
     cli.main(command)
     cli.main([*command, "--disturb", "0.5"])
@@ -64,7 +64,7 @@ def test_a_single_task_is_recorded_without_pushes_unless_they_are_asked_for(monk
 
 def test_fields_and_cameras_are_lists(monkeypatch):
     calls = []
-    monkeypatch.setattr("lerobot_gcdt.recording.record", lambda *arguments, learner: calls.append(arguments))
+    monkeypatch.setattr("lerobot_gcdt.recording.record", lambda *arguments, learner, sensors: calls.append(arguments))
     command = ["record", "--task", "NeedlePick", "--root", "x", "--fields", "openh"]
     cli.main([*command, "--cameras", "overview, closeup", "--camera_size", "64"])
     assert calls[0][-1] == Extras(["openh"], ["overview", "closeup"], 64)
@@ -150,10 +150,11 @@ def test_benchmark_passes_on_what_was_asked_for(tmp_path, monkeypatch, capsys):
     command = ["benchmark", *(part for name, value in folders.items() for part in (f"--{name}", str(value)))]
     command += ["--tasks", "NeedlePick,NeedleReach", "--methods", "gcdt,bc", "wide=bc --policy.hidden_sizes=[9,9]"]
     command += ["--seeds", "3,4", "--steps", "8", "--points", "2", "--starts", "2", "--first_seed", "5"]
+    command += ["--position_std", "0.01"]
     cli.main([*command, "--", "--policy.device=cpu"])
     asked = {"tasks": ["NeedlePick", "NeedleReach"], "methods": ["gcdt", "bc", "wide=bc --policy.hidden_sizes=[9,9]"]}
     asked |= {"seeds": [3, 4], "steps": 8, "points": 2, "starts": range(5, 7), "options": ["--policy.device=cpu"]}
-    assert calls == [folders | asked]
+    assert calls == [folders | asked | {"sensors": {"position_std": 0.01}}]
     assert "| NeedlePick | bc | 1 | 2 | 8 | 7 | 1.00 (0.34-1.00) | 0.00 (0.00-0.66) |" in capsys.readouterr().out
 
 
@@ -269,6 +270,15 @@ def test_one_file_keeps_the_episodes_of_one_training(tmp_path):
         cli.main(["evaluate", "a", "b", "--episodes", str(tmp_path / "episodes.parquet")])
 
 
+def test_imperfect_sensors_are_recorded_through_in_a_single_task(monkeypatch, tmp_path):
+    given = []
+    monkeypatch.setattr("lerobot_gcdt.recording.record", lambda *arguments, learner, sensors: given.append(sensors))
+    cli.main(["record", "--task", "NeedleReach", "--root", str(tmp_path), "--delay", "2"])
+    assert given == [{"delay": 2}]
+    with pytest.raises(SystemExit, match=r"Imperfect sensors \(delay\) are for --task"):
+        cli.main(["record", "--all", "--root", str(tmp_path), "--delay", "2"])
+
+
 def test_imperfect_sensors_need_a_file_of_their_own(tmp_path):
     with pytest.raises(SystemExit, match="dropout.*--episodes"):
         cli.main(["evaluate", str(tmp_path), "--dropout", "0.1"])
@@ -295,7 +305,7 @@ def test_the_policy_that_acts_is_named_by_the_checkpoint_that_is_the_last_now(tm
     learners = []
     monkeypatch.setattr("lerobot_gcdt.evaluation.load_policy", lambda path: path)
     monkeypatch.setattr("lerobot_gcdt.evaluation.tasks.tasks_of", lambda path, tasks: tasks)
-    monkeypatch.setattr("lerobot_gcdt.recording.record", lambda *arguments, learner: learners.append(learner))
+    monkeypatch.setattr("lerobot_gcdt.recording.record", lambda *arguments, learner, sensors: learners.append(learner))
     cli.main(["record", "--task", "NeedleReach", "--root", "x", "--policy", str(tmp_path), "--mix", "0.5"])
     assert learners[0].policy == tmp_path / "checkpoints/last/pretrained_model"
     assert learners[0].name == str(tmp_path / "checkpoints/000010/pretrained_model")

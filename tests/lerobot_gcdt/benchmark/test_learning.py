@@ -42,7 +42,7 @@ def asked(monkeypatch):
     def train(dataset, folder, policy, stage, start, steps, launcher, options):
         calls.append((dataset, folder, policy, stage, start, steps, options))
 
-    def evaluate_checkpoint(checkpoint, tasks, seeds):
+    def evaluate_checkpoint(checkpoint, tasks, seeds, file, sensors):
         return pd.DataFrame({"task": tasks[0], "seed": seeds, "reached": True, "held": True, "steps": 9.0})
 
     monkeypatch.setattr(learning, "train", train)
@@ -177,6 +177,14 @@ def test_a_method_may_learn_all_tasks_together(datasets, tmp_path, asked):
     assert set(episodes.task) == {"NeedleReach", "NeedlePick"}
 
 
+def test_all_cells_see_through_the_same_sensors(datasets, tmp_path, asked):
+    request = {"tasks": ["NeedleReach"], "methods": ["bc"], "seeds": [0], "starts": STARTS}
+    episodes = benchmark(datasets, tmp_path, sensors={"position_std": 0.01}, **request)
+    assert set(episodes.position_std) == {0.01} and set(episodes.delay) == {0}
+    with pytest.raises(ValueError, match="keeps episodes of other sensors than .*; choose another --output"):
+        benchmark(datasets, tmp_path, **request)
+
+
 # Bad input.
 
 
@@ -203,6 +211,7 @@ def test_a_method_may_learn_all_tasks_together(datasets, tmp_path, asked):
         ({"steps": 0}, "positive, got 0"),
         ({"steps": 10, "points": 4}, "10 steps of the method bc cannot be divided into 4 equal parts"),
         ({"points": 0}, "divided into 0"),
+        ({"sensors": {"dropout": 2}}, "dropout is a probability, .* got 2"),
     ],
     ids=lambda value: str(value) if isinstance(value, dict) else "",
 )

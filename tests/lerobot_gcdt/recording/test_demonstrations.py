@@ -321,6 +321,22 @@ def test_a_disturbance_out_of_range_leaves_no_trace(tmp_path, disturb):
 # Other programs read it.
 
 
+def test_imperfect_sensors_show_the_data_and_not_the_expert(reach_pair, tmp_path):
+    root = demonstrations.record("NeedleReach", 2, 0, tmp_path / "noisy", sensors={"position_std": 0.01})
+    assert facts(root)["sensors"]["position_std"] == 0.01
+    for perfect, shown in zip(episodes(reach_pair), episodes(root), strict=True):
+        for key in ("action", "next.success", "observation.goal"):
+            assert np.array_equal(perfect[key], shown[key])
+        noise = shown["observation.achieved_goal"] - perfect["observation.achieved_goal"]
+        assert noise.std() == pytest.approx(0.01, rel=0.3)
+
+
+def test_bad_sensors_leave_no_trace(tmp_path):
+    with pytest.raises(ValueError, match="delay must be a whole number"):
+        demonstrations.record("NeedleReach", 2, 0, tmp_path / "noisy", sensors={"delay": -1})
+    assert not list(tmp_path.iterdir())
+
+
 def test_lerobot_loads_the_dataset(root):
     dataset = LeRobotDataset("local/x", root=root)
     stored = episodes(root)
