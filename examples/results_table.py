@@ -1,33 +1,63 @@
-"""Writes the README's table of success rates from the episodes in examples/paper_table/episodes.parquet.
+"""Writes the tables of success rates from the committed episodes in examples/paper_table/episodes.parquet.
 
     python examples/results_table.py
+    python examples/results_table.py --add outputs/benchmark --protocol published-100
 
-A row an episode: method, task, seed of the start, `reached`, `held`, and steps to the first success.
+A row an episode: protocol, method, task, seed and CPU seconds of the training, seed of the start, `reached`, `held`, and
+steps to the first success. --add takes over the last checkpoints of a benchmark (`gcdt benchmark --points 1 --first_seed
+400000`) into that file first.
 """
 
 import argparse
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pandas as pd
 
 import surrol_gym
+from lerobot_gcdt.benchmark.report import success_rates
+from lerobot_gcdt.evaluation.checkpoints import keep_episodes
 from lerobot_gcdt.hub.documents import write_section
 
 ROOT = Path(__file__).parent.parent
 EPISODES = ROOT / "examples/paper_table/episodes.parquet"
+README, RESULTS = ROOT / "README.md", ROOT / "docs/results.md"
+PROTOCOLS = ("published-large", "published-100", "plain-100", "interactive")
+METHODS = {
+    "generalist": "generalist",
+    "tuned": "fine-tuned",
+    "scratch": "GCDT for one task",
+    "perceptron": "perceptron",
+}
+"""The methods in the order of their columns, and what they are called there."""
+
 PAPER = (1.00, 0.95, 1.00, 0.84, 0.74, 0.42, 1.00, 0.48, 0.30, 0.37)  # Fu et al. 2024, table II
+KEY = ["protocol", "method", "task", "training_seed", "seed"]
+COLUMNS = [*KEY[:-1], "seconds", "seed", "reached", "held", "steps"]
 
 
-def table() -> str:
-    """Returns success rates, reached / held, by task and method as Markdown."""
-    episodes = pd.read_parquet(EPISODES)
-    rates = episodes.groupby(["method", "task"])[["reached", "held"]].mean()
-    lines = ["| task | generalist | perceptron | GCDT in the paper |", "| --- | --- | --- | --- |"]
+def tables() -> Iterator[tuple[Path, str, str]]:
+    """Yields the documents, the names of their sections, and what these should hold."""
+    episodes = pd.read_parquet(EPISODES).assign(step=1)
+    for protocol, rows in episodes.groupby("protocol"):
+        rates = success_rates(rows).set_index(["task", "method"])
+        methods = [method for method in METHODS if method in rates.index.levels[1]]
+        if protocol == "published-large":
+            yield README, "results", _table(rates, [method for method in methods if method != "scratch"], _pair)
+        yield RESULTS, protocol, _table(rates, methods, _with_interval)
+
+
+def _table(rates: pd.DataFrame, methods: list[str], write: Callable[[pd.Series], str]) -> str:
+    lines = [
+        f"| task | {' | '.join(METHODS[method] for method in methods)} | GCDT in the paper |",
+        "| --- |" + " --- |" * (len(methods) + 1),
+    ]
     for task, paper in zip(surrol_gym.TASKS, PAPER, strict=True):
-        ours = [_pair(rates.loc[method, task]) for method in ("generalist", "perceptron")]
-        lines.append(f"| {task} | {' | '.join(ours)} | {_short(paper)} |")
-    means = [_pair(rates.loc[method].mean()) for method in ("generalist", "perceptron")]
-    lines.append(f"| mean | {' | '.join(means)} | {_short(sum(PAPER) / len(PAPER))} |")
+        cells = [write(rates.loc[task, method]) if (task, method) in rates.index else "" for method in methods]
+        lines.append(f"| {task} | {' | '.join(cells)} | {_short(paper)} |")
+    means = [rates.xs(method, level="method")[["reached", "held"]] for method in methods]
+    cells = [_pair(rows.mean()) if len(rows) == len(PAPER) else "" for rows in means]
+    lines.append(f"| mean | {' | '.join(cells)} | {_short(sum(PAPER) / len(PAPER))} |")
     return "\n".join(lines) + "\n"
 
 
@@ -35,13 +65,32 @@ def _pair(rates: pd.Series) -> str:
     return f"{_short(rates.reached)} / {_short(rates.held)}"
 
 
+def _with_interval(rates: pd.Series) -> str:
+    several = f", {rates.trainings} trainings" if rates.trainings > 1 else ""
+    return f"{_pair(rates)} ({_short(rates.held_low)}-{_short(rates.held_high)}{several})"
+
+
 def _short(rate: float) -> str:
     return f"{rate:.2f}".removeprefix("0")
 
 
+def add(benchmark: Path, protocol: str) -> None:
+    """Takes over the episodes of a benchmark's last checkpoints; those that are there stay as they are."""
+    rows = pd.read_parquet(benchmark / "episodes.parquet")
+    last = rows.groupby(["method", "task", "training_seed"]).step.transform("max")
+    rows = rows[rows.step == last].assign(protocol=protocol)
+    keep_episodes(EPISODES, rows[COLUMNS], KEY)
+
+
 def main() -> None:
-    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
-    write_section(ROOT / "README.md", "results", table())
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--add", type=Path, help="output folder of a benchmark")
+    parser.add_argument("--protocol", choices=PROTOCOLS, help="what it was trained on")
+    options = parser.parse_args()
+    if options.add:
+        add(options.add, options.protocol)
+    for document, section, text in tables():
+        write_section(document, section, text)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,10 @@
+"""The tables of success rates are those of the committed episodes."""
+
 import runpy
 from pathlib import Path
 
 import pandas as pd
+import pytest
 
 import surrol_gym
 from lerobot_gcdt.hub.documents import read_section
@@ -10,17 +13,54 @@ ROOT = Path(__file__).parents[2]
 TABLE = runpy.run_path(str(ROOT / "examples/results_table.py"))
 
 
-def test_the_readme_holds_the_table_that_the_script_writes():
-    assert read_section(ROOT / "README.md", "results") == TABLE["table"]()
+@pytest.fixture(scope="module")
+def episodes():
+    return pd.read_parquet(TABLE["EPISODES"])
 
 
-def test_every_rate_is_over_the_same_two_hundred_starts():
-    for _, rows in pd.read_parquet(TABLE["EPISODES"]).groupby("method"):
-        assert set(rows.task) == set(surrol_gym.TASKS)
-        assert all(sorted(seeds) == list(range(400_000, 400_200)) for _, seeds in rows.groupby("task").seed)
+def test_the_documents_hold_the_tables_that_the_script_writes():
+    for document, section, text in TABLE["tables"]():
+        assert read_section(document, section) == text
 
 
-def test_held_episodes_reached_the_goal():
-    episodes = pd.read_parquet(TABLE["EPISODES"])
+def test_every_rate_is_over_the_same_two_hundred_starts(episodes):
+    for _, rows in episodes.groupby(TABLE["KEY"][:-1]):
+        assert sorted(rows.seed) == list(range(400_000, 400_200))
+
+
+def test_a_mean_is_over_all_ten_tasks(episodes):
+    for (protocol, method), rows in episodes.groupby(["protocol", "method"]):
+        rate = rows.groupby(["task", "training_seed"]).held.mean().groupby("task").mean()
+        [table] = [text for document, section, text in TABLE["tables"]() if section == protocol]
+        head, *_, mean = (line.split(" | ") for line in table.splitlines())
+        shown = mean[head.index(TABLE["METHODS"][method])]
+        assert shown.endswith(f"/ {rate.mean():.2f}".replace("/ 0.", "/ .")) == (
+            set(rate.index) == set(surrol_gym.TASKS)
+        )
+
+
+def test_protocols_are_known(episodes):
+    assert set(episodes.protocol) <= set(TABLE["PROTOCOLS"])
+    assert set(episodes.method) <= set(TABLE["METHODS"])
+
+
+def test_held_episodes_reached_the_goal(episodes):
     assert not (episodes.held & ~episodes.reached).any()
     assert (episodes.reached == episodes.steps.notna()).all()
+
+
+def test_a_benchmark_is_taken_over_once(tmp_path, monkeypatch):
+    add = TABLE["add"]
+    monkeypatch.setitem(add.__globals__, "EPISODES", tmp_path / "kept.parquet")
+    cell = {"method": "scratch", "task": "NeedlePick", "training_seed": 3, "seconds": 9.0}
+    rows = [
+        cell | {"step": step, "seed": seed, "reached": True, "held": step > 1, "steps": 7.0}
+        for step in (1, 2)
+        for seed in (400_000, 400_001)
+    ]
+    pd.DataFrame(rows).to_parquet(tmp_path / "episodes.parquet")
+    for _ in range(2):
+        add(tmp_path, "plain-100")
+    kept = pd.read_parquet(tmp_path / "kept.parquet")
+    assert list(kept) == TABLE["COLUMNS"] and kept.held.tolist() == [True, True]
+    assert set(kept.protocol) == {"plain-100"} and kept.seed.tolist() == [400_000, 400_001]
