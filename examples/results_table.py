@@ -3,9 +3,9 @@
     python examples/results_table.py
     python examples/results_table.py --add outputs/benchmark --protocol published-100
 
-A row an episode: protocol, method, task, seed and CPU seconds of the training, seed of the start, `reached`, `held`, and
-steps to the first success. --add takes over the last checkpoints of a benchmark (`gcdt benchmark --points 1 --first_seed
-400000`) into that file first.
+A row an episode: protocol, method, task, seed and CPU seconds of the training, seed of the start, `reached`, `held`,
+and steps to the first success. --add takes over the last checkpoints of a benchmark (`gcdt benchmark --points 1
+--first_seed 400000`) into that file first.
 """
 
 import argparse

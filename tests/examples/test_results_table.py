@@ -28,15 +28,11 @@ def test_every_rate_is_over_the_same_two_hundred_starts(episodes):
         assert sorted(rows.seed) == list(range(400_000, 400_200))
 
 
-def test_a_mean_is_over_all_ten_tasks(episodes):
-    for (protocol, method), rows in episodes.groupby(["protocol", "method"]):
-        rate = rows.groupby(["task", "training_seed"]).held.mean().groupby("task").mean()
-        [table] = [text for document, section, text in TABLE["tables"]() if section == protocol]
-        head, *_, mean = (line.split(" | ") for line in table.splitlines())
-        shown = mean[head.index(TABLE["METHODS"][method])]
-        assert shown.endswith(f"/ {rate.mean():.2f}".replace("/ 0.", "/ .")) == (
-            set(rate.index) == set(surrol_gym.TASKS)
-        )
+def test_a_mean_is_over_all_ten_tasks():
+    for _, _, text in TABLE["tables"]():
+        for column in zip(*(line.split(" | ") for line in text.splitlines()[2:]), strict=True):
+            *tasks, mean = (cell.strip("| ") for cell in column)
+            assert len(tasks) == len(surrol_gym.TASKS) and bool(mean) == all(tasks)
 
 
 def test_protocols_are_known(episodes):
