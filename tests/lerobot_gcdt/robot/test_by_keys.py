@@ -12,8 +12,6 @@ from lerobot_gcdt.data.columns import read_columns
 
 HERE = Path(__file__).parent
 
-pytestmark = pytest.mark.study  # docs/testing.md
-
 
 @pytest.fixture(scope="module")
 def folder(on_display, tmp_path_factory):
