@@ -49,7 +49,7 @@ class Window:
             raise RuntimeError("A process has one window; close the environment that shows it first.")
         try:
             pygame.display.init()
-            self._screen = pygame.display.set_mode((SIZE, SIZE), pygame.RESIZABLE)
+            pygame.display.set_mode((SIZE, SIZE), pygame.RESIZABLE)
         except pygame.error as error:
             raise RuntimeError(f"No window could be opened: {error}.") from error
         pygame.display.set_caption(title)
@@ -125,11 +125,12 @@ class Window:
         self._paint()
 
     def _paint(self) -> None:
-        width, height = self._screen.get_size()
+        screen = pygame.display.get_surface()
+        width, height = screen.get_size()
         side = min(width, height)
-        self._screen.fill(0)
+        screen.fill(0)
         picture = self._picture if side == SIZE else pygame.transform.smoothscale(self._picture, (side, side))
-        self._screen.blit(picture, ((width - side) // 2, (height - side) // 2))
+        screen.blit(picture, ((width - side) // 2, (height - side) // 2))
         pygame.display.flip()
 
 

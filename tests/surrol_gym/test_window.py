@@ -61,7 +61,6 @@ def test_the_window_shows_the_picture(window):
 @pytest.mark.parametrize("side", [300, 900])
 def test_a_window_of_another_size_shows_the_whole_picture_in_its_middle(window, scene, side):
     pygame.display.set_mode((side, side + 100))
-    window._screen = pygame.display.get_surface()
     window.show()
     screen = pygame.surfarray.array3d(pygame.display.get_surface())
     assert not screen[:, :50].any() and not screen[:, -50:].any()

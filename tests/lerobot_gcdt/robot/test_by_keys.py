@@ -12,6 +12,8 @@ from lerobot_gcdt.data.columns import read_columns
 
 HERE = Path(__file__).parent
 
+pytestmark = pytest.mark.study  # takes minutes beside other work
+
 
 @pytest.fixture(scope="module")
 def folder(on_display, tmp_path_factory):
