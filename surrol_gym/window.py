@@ -1,8 +1,8 @@
 """The window of render mode ``"human"``, by pygame, as Gymnasium's own tasks have it.
 
-It shows the pictures that every other render mode shows, and runs in the thread that steps the environment, so it
-needs nothing from PyBullet's own window. That one polls its server from three threads without ever sleeping, and waits
-for ever where these starve each other.
+It shows the picture of mode ``"rgb_array"`` and lives in the thread that steps the environment. PyBullet's own window
+passes every command through three threads that poll a shared lock and never sleep (``b3Clock::usleep(0)`` does nothing
+on Linux): beside other work a step took a second, and once stood still for good.
 """
 
 import os
