@@ -9,17 +9,10 @@ class WindowClosed(RuntimeError):
     """The window of an environment was closed, by Esc or the mouse."""
 
 
-def lacking() -> str | None:
-    """Returns what a window needs and does not find here, as a sentence; None if it finds all."""
-    # SDL, which pygame is made of, also draws where SDL_VIDEODRIVER says.
-    if sys.platform.startswith("linux") and not os.environ.keys() & {"DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER"}:
-        return "The scene is shown in a window, which needs a display: DISPLAY is not set."
-    if not find_spec("pygame"):
-        return "The scene is shown in a window, which needs pygame: `pip install pygame`."
-    return None
-
-
 def check_display() -> None:
     """Raises ValueError, with the reason, where no window can be opened; opens none."""
-    if lack := lacking():
-        raise ValueError(lack)
+    # SDL, which pygame is made of, also draws where SDL_VIDEODRIVER says.
+    if sys.platform.startswith("linux") and not os.environ.keys() & {"DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER"}:
+        raise ValueError("The scene is shown in a window, which needs a display: DISPLAY is not set.")
+    if not find_spec("pygame"):
+        raise ValueError("The scene is shown in a window, which needs pygame: `pip install pygame`.")

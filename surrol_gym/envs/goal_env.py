@@ -13,7 +13,7 @@ import numpy as np
 from gymnasium.error import ClosedEnvironmentError, ResetNeeded
 
 from surrol_gym.bullet import Vector, World
-from surrol_gym.display import check_display, lacking
+from surrol_gym.display import check_display
 from surrol_gym.quantities import Quantity, described, names, places
 from surrol_gym.stage import KINDS, Camera, Stage
 
@@ -82,7 +82,7 @@ class GoalEnv(gym.Env):
     """
 
     observation_space: gym.spaces.Dict
-    metadata = {"render_modes": [*_PICTURES, *["human"] * (lacking() is None)], "render_fps": 5}
+    metadata = {"render_modes": ["human", *_PICTURES], "render_fps": 5}
 
     task: ClassVar[str]
     """Name of the task."""
@@ -143,10 +143,12 @@ class GoalEnv(gym.Env):
         width: int = 256,
         height: int = 256,
     ):
+        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
+            raise ValueError(
+                f"render_mode must be None or one of {self.metadata['render_modes']}, got {render_mode!r}."
+            )
         if render_mode == "human":
             check_display()
-        elif render_mode is not None and render_mode not in _PICTURES:
-            raise ValueError(f"render_mode must be None, 'human' or one of {list(_PICTURES)}, got {render_mode!r}.")
         if obs_type not in ("state", "pixels_state"):
             raise ValueError(f"obs_type must be 'state' or 'pixels_state', got {obs_type!r}.")
         self.render_mode = render_mode

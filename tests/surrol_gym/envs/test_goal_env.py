@@ -95,7 +95,8 @@ def demonstration(env, demonstrations):
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("arguments", [{}, {"render_mode": "rgb_array"}, {"obs_type": "pixels_state"}], ids=str)
 @pytest.mark.parametrize("task", [ONE_ARM, TWO_ARMS, "new_task:PushBlock"])
-def test_gymnasiums_checker_has_no_complaint(make, task, arguments):
+def test_gymnasiums_checker_has_no_complaint(make, monkeypatch, task, arguments):
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")  # for the render mode "human"
     assert check_env(make(task, width=32, height=24, **arguments).unwrapped) is None
 
 
