@@ -308,14 +308,6 @@ def _check_tasks(names: list[str]) -> None:
         surrol_gym.find_task(name)
 
 
-def _check_window(task: str) -> None:
-    """Raises ValueError where no window can be opened, before anything slow is imported."""
-    from surrol_gym.registry import env_class
-
-    if "human" not in env_class(task).metadata["render_modes"]:
-        raise ValueError("--teleop shows the scene in a window, and there is no display: DISPLAY is not set.")
-
-
 def _check_folder(folder: Path, remedy: str) -> None:
     """Raises FileNotFoundError for a missing folder, before anything slow is imported."""
     if not folder.exists():
@@ -334,7 +326,9 @@ def _record(options: argparse.Namespace) -> None:
     if sensors and (options.all or options.teleop):
         raise ValueError(f"Imperfect sensors ({', '.join(sensors)}) are for --task, with an expert or a policy.")
     if options.teleop:
-        _check_window(options.task)
+        from surrol_gym.display import check_display
+
+        check_display()
 
     from lerobot_gcdt.recording import record
     from lerobot_gcdt.recording.collection import PUBLISHED_DISTURB, record_all

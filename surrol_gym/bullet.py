@@ -51,10 +51,6 @@ class Prop:
     joints: Callable[[], Sequence[float]] | None = None
 
 
-class WindowClosed(RuntimeError):
-    """The window of an environment was closed, by Esc or the mouse."""
-
-
 class World:
     """A PyBullet client with the engine parameters of SurRoL (docs/simulator.md#sub-steps).
 
@@ -264,11 +260,11 @@ class World:
 class _Client(BulletClient):
     """A client that looks up each of PyBullet's functions only once."""
 
-    def __init__(self, mode: int):
+    def __init__(self) -> None:
         # The base class connects with empty options, which makes PyBullet print "argv[0]=" each time.
         self._pid = os.getpid()
         self._client = -1
-        self._client = pybullet.connect(mode)
+        self._client = pybullet.connect(pybullet.DIRECT)
 
     def __getattr__(self, name: str) -> Any:
         function = super().__getattr__(name)
@@ -277,18 +273,9 @@ class _Client(BulletClient):
         return function
 
 
-def connect(gui: bool = False) -> BulletClient:
-    """Returns a new PyBullet client.
-
-    Raises:
-        RuntimeError: The window cannot be opened (usually: no display).
-    """
-    try:
-        return _Client(pybullet.GUI if gui else pybullet.DIRECT)
-    except pybullet.error as error:
-        raise RuntimeError(
-            "PyBullet could not open a window; on a machine without a display use render_mode='rgb_array'."
-        ) from error
+def connect() -> BulletClient:
+    """Returns a new PyBullet client."""
+    return _Client()
 
 
 def disconnect(client: BulletClient) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 import gymnasium as gym
 import numpy as np
 
-from surrol_gym.bullet import WindowClosed
+from surrol_gym.display import WindowClosed
 from surrol_gym.envs.psm_env import unwrapped
 
 HOLD = 5
@@ -57,6 +57,7 @@ def act_out(env: gym.Env, seed: int, command: Command) -> bool:
         try:
             while held < HOLD and steps < PATIENCE * env.spec.max_episode_steps:
                 begun = time.perf_counter()
+                unwrapped(env).render()  # keeps the window alive; before the command, as a gamepad empties its queue
                 action = command()
                 moves = np.delete(action, _GRIPPER).any() or (np.sign(action[_GRIPPER]) != jaws).any()
                 if not moves and not held:

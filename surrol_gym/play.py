@@ -2,19 +2,16 @@
 
 import argparse
 import sys
-from collections.abc import Collection
 
 import gymnasium as gym
 import numpy as np
-import pybullet
 
 import surrol_gym
 from surrol_gym.by_hand import BeginAgain, Stop, act_out
+from surrol_gym.display import check_display
 from surrol_gym.envs.psm_env import PSMEnv, unwrapped
-from surrol_gym.keyboard import AGAIN, HELP, SLOW, Hands
-from surrol_gym.registry import env_class, task_spec
-
-_NAMES = {pybullet.B3G_SHIFT: SLOW, pybullet.B3G_RETURN: AGAIN}
+from surrol_gym.keyboard import AGAIN, HELP, Hands
+from surrol_gym.registry import task_spec
 
 
 class WindowKeys:
@@ -34,16 +31,11 @@ class WindowKeys:
             BeginAgain: Enter is pressed.
             WindowClosed: The window was closed, as Esc does.
         """
-        pressed = named(self._task.pressed_keys())
+        pressed = self._task.pressed_keys()
         if AGAIN in pressed:
             self._hands.reset()
             raise BeginAgain
         return self._hands.act(pressed)
-
-
-def named(codes: Collection[int]) -> set[str]:
-    """Returns the names of keys, as ``surrol_gym.keyboard`` has them, by PyBullet's codes."""
-    return {_NAMES.get(code, chr(code) if 0 < code < 128 else "") for code in codes} - {""}
 
 
 def play(task: str, seed: int = 0, camera: str = "closeup", episodes: int | None = None) -> list[bool]:
@@ -59,13 +51,12 @@ def play(task: str, seed: int = 0, camera: str = "closeup", episodes: int | None
         Whether the goal was reached and held, of every episode that was not left.
 
     Raises:
-        ValueError: The task, the seed or the camera is none, or there is no display.
+        ValueError: The task, the seed or the camera is none, or no window can be opened.
     """
     env_id = surrol_gym.find_task(task)
     if seed < 0:
         raise ValueError(f"Seeds count from 0, got {seed}.")
-    if "human" not in env_class(task).metadata["render_modes"]:
-        raise ValueError("There is no display to open a window on: DISPLAY is not set.")
+    check_display()
     env = gym.make(env_id, render_mode="human", camera=camera)
     shown = unwrapped(env)
     print(f"{shown.task}: {shown.task_description}\n{HELP}", flush=True)

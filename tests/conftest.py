@@ -22,6 +22,13 @@ def seeds(request):
     return lambda first, count: range(first, first + (request.config.getoption("episodes") or count))
 
 
+@pytest.fixture
+def no_display(monkeypatch):
+    """Hides every display there may be."""
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER"):
+        monkeypatch.delenv(name, raising=False)
+
+
 @pytest.fixture(scope="session")
 def display():
     """The name of a virtual display, on which nothing else is shown."""
@@ -44,7 +51,7 @@ def display():
 
 @pytest.fixture(scope="session")
 def on_display(display):
-    """Runs a script of the tests on the virtual display, drawn by one thread; returns what it printed."""
+    """Runs a script of the tests on the virtual display; returns what it printed."""
 
     def run(script, *arguments, timeout=600, **variables):
         done = subprocess.run(
@@ -54,7 +61,6 @@ def on_display(display):
             timeout=timeout,
             env=os.environ
             | {"DISPLAY": display, "PYTHONPATH": os.pathsep.join([str(TESTS.parent), str(TESTS)])}
-            | {"LP_NUM_THREADS": "1"}  # of Mesa, whose threads would starve what is drawn
             | {name: str(value) for name, value in variables.items()},
         )
         assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-3000:]

@@ -5,6 +5,7 @@ What a hand does is decided by the scripted expert's law, as coarsely as keys al
 
 import threading
 import time
+from functools import partial
 
 import gymnasium as gym
 import numpy as np
@@ -48,17 +49,11 @@ class Person(threading.Thread):
             if self._env.seen is None:
                 time.sleep(0.02)
                 continue
-            before, keys = self._env.steps, self._keys(self._expert.act(self._env.seen))
-            self._press(keys, before)
+            wanted = self._env.steps + 1
+            self._keyboard.hold(self._keys(self._expert.act(self._env.seen)), partial(self._has_done, wanted))
 
-    def _press(self, keys, before):
-        """Holds keys until a step is done; presses them anew where none follows, as before the window is ready."""
-        while self._env.steps == before:
-            self._keyboard.hold(keys)
-            patience = time.monotonic() + 1.0
-            while self._env.steps == before and time.monotonic() < patience:
-                time.sleep(0.005)
-            self._keyboard.let_go(keys)
+    def _has_done(self, steps):
+        return self._env.steps >= steps
 
     def _keys(self, action):
         jaws_are_open = self._env.seen["observation"][6] > 0.55
@@ -76,13 +71,19 @@ class Keys:
     def __init__(self):
         self._display = Display()
 
-    def hold(self, keys):
-        """Presses keys, named as X does."""
-        self._send(X.KeyPress, keys)
+    def hold(self, keys, until):
+        """Holds keys, named as X does, until something is seen; presses them anew if nobody listened yet."""
+        while not until():
+            self._send(X.KeyPress, keys)
+            patience = time.monotonic() + 10.0
+            while not until() and time.monotonic() < patience:
+                time.sleep(0.005)
+            self._send(X.KeyRelease, keys[::-1])
 
-    def let_go(self, keys):
-        """Releases keys."""
-        self._send(X.KeyRelease, keys[::-1])
+    def tap(self, key):
+        """Presses a key and lets it go."""
+        self._send(X.KeyPress, [key])
+        self._send(X.KeyRelease, [key])
 
     def _send(self, event, keys):
         for key in keys:

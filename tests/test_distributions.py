@@ -137,7 +137,7 @@ def test_both_compile_pybullet_with_numpy():
     [
         (PLUGIN, ("dvrk", "robots"), (*CONTENTS[PLUGIN], "examples")),
         (PLUGIN, ("test",), ("tests", "tools")),
-        (SIMULATOR, (), CONTENTS[SIMULATOR]),
+        (SIMULATOR, ("window",), CONTENTS[SIMULATOR]),
     ],
     ids=["plugin and examples", "tests and tools", "simulator"],
 )

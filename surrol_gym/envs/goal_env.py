@@ -1,22 +1,24 @@
 """The goal environment that the tasks share: Gymnasium's API around one PyBullet world."""
 
 import inspect
-import os
-import sys
 from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from types import SimpleNamespace
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import gymnasium as gym
 import numpy as np
 from gymnasium.error import ClosedEnvironmentError, ResetNeeded
 
 from surrol_gym.bullet import Vector, World
+from surrol_gym.display import check_display
 from surrol_gym.quantities import Quantity, described, names, places
 from surrol_gym.stage import KINDS, Camera, Stage
+
+if TYPE_CHECKING:
+    from surrol_gym.window import Window
 
 SUB_STEPS = 48
 """Simulation sub-steps in one control step of 0.2 s (docs/simulator.md#sub-steps)."""
@@ -27,9 +29,6 @@ SETTLING_STEPS = 60
 _WORLD_EXTENT = 100.0  # Bounds of the observation spaces: nothing can leave the floor.
 
 _PICTURES = {"rgb_array": "rgb", "depth_array": "depth", "segmentation": "segmentation"}
-
-# PyBullet ends the whole process when it cannot reach an X server, so the mode is offered only where it can work.
-_HAS_DISPLAY = not sys.platform.startswith("linux") or "DISPLAY" in os.environ
 
 
 Observation = dict[str, np.ndarray]
@@ -68,8 +67,8 @@ class GoalEnv(gym.Env):
     ``math`` does not. So a seed gives the same bytes on every x86-64 processor with FMA, which the C library looks for.
 
     Args:
-        render_mode: None, ``"rgb_array"``, ``"depth_array"``, ``"segmentation"`` or, on a machine with a display,
-            ``"human"``; see ``surrol_gym.stage.Stage.render`` for what the pictures hold.
+        render_mode: None, ``"rgb_array"``, ``"depth_array"``, ``"segmentation"``, see ``surrol_gym.stage.Stage.render``
+            for what these pictures hold, or, with pygame and on a machine with a display, ``"human"``.
         obs_type: ``"state"`` or ``"pixels_state"``.
         camera: Name of the camera of ``render`` and ``pixels``, one of ``cameras``.
         width: Width of the picture, pixels.
@@ -83,7 +82,7 @@ class GoalEnv(gym.Env):
     """
 
     observation_space: gym.spaces.Dict
-    metadata = {"render_modes": [*_PICTURES, *["human"] * _HAS_DISPLAY], "render_fps": 5}
+    metadata = {"render_modes": ["human", *_PICTURES], "render_fps": 5}
 
     task: ClassVar[str]
     """Name of the task."""
@@ -145,10 +144,11 @@ class GoalEnv(gym.Env):
         height: int = 256,
     ):
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
-            hint = " ('human' needs a display)" if render_mode == "human" else ""
             raise ValueError(
-                f"render_mode must be None or one of {self.metadata['render_modes']}, got {render_mode!r}{hint}."
+                f"render_mode must be None or one of {self.metadata['render_modes']}, got {render_mode!r}."
             )
+        if render_mode == "human":
+            check_display()
         if obs_type not in ("state", "pixels_state"):
             raise ValueError(f"obs_type must be 'state' or 'pixels_state', got {obs_type!r}.")
         self.render_mode = render_mode
@@ -168,6 +168,7 @@ class GoalEnv(gym.Env):
             self.observation_space["pixels"] = gym.spaces.Box(0, 255, (height, width, 3), np.uint8)
         self.world = World(self.solver_iterations)
         self._stage: Stage | None = None
+        self._window: Window | None = None
         self._closed = False
         self._goal: np.ndarray = np.resize((0.0, 0.0, -1.0), len(self.goal_names))  # below the floor at first
         self._world_state: tuple = ()  # until the first reset
@@ -180,7 +181,9 @@ class GoalEnv(gym.Env):
         self.world.load("floor.urdf")
         self.world.mark_built()
         if render_mode == "human":
-            self._get_stage()
+            from surrol_gym import window  # which needs pygame
+
+            self._window = window.Window(self.task, self._picture[0], self._render)
 
     @classmethod
     def read(cls, observation: Observation) -> Reading:
@@ -277,25 +280,34 @@ class GoalEnv(gym.Env):
         return observation, float(info["is_success"]) - 1.0, False, False, info
 
     def render(self) -> np.ndarray | None:
-        """Returns a picture as the render mode says; in mode ``"human"`` the window shows itself."""
+        """Returns a picture as the render mode says.
+
+        In mode ``"human"`` every reset and step is shown by itself; call this now and then while none is taken, so that
+        the window follows the mouse.
+
+        Raises:
+            surrol_gym.display.WindowClosed: The window was closed.
+        """
         self._check_open()
+        if self._window:
+            self._window.refresh()
         if self.render_mode in _PICTURES:
             return self._render(*self._picture, _PICTURES[self.render_mode])
         return None
 
-    def pressed_keys(self) -> set[int]:
-        """Returns PyBullet's codes of the keys that are down in the window of mode ``"human"``, or were a moment ago.
+    def pressed_keys(self) -> set[str]:
+        """Returns the names of the keys that are down in the window of mode ``"human"``, or were since the last call.
 
-        Letters have the codes of their small characters.
+        A key is named by what it writes, ``"w"``, or by its own name, ``"shift"`` and ``"enter"``.
 
         Raises:
             ValueError: The render mode is another one.
-            surrol_gym.bullet.WindowClosed: The window was closed.
+            surrol_gym.display.WindowClosed: The window was closed.
         """
         self._check_open()
-        if self.render_mode != "human":
+        if not self._window:
             raise ValueError(f"Only render_mode='human' has a window with keys; this is {self.render_mode!r}.")
-        return self._get_stage().pressed_keys()
+        return self._window.pressed_keys()
 
     def picture(self, camera: str = "closeup", width: int = 256, height: int = 256, kind: str = "rgb") -> np.ndarray:
         """Renders the scene from any camera at any size, whatever the render mode.
@@ -327,6 +339,8 @@ class GoalEnv(gym.Env):
             self.world.close()
             if self._stage is not None:
                 self._stage.close()
+            if self._window:
+                self._window.close()
 
     # The multi-goal API: everything vectorised over leading axes.
 
@@ -381,8 +395,8 @@ class GoalEnv(gym.Env):
         }
         if "pixels" in self.observation_space.spaces:
             observation["pixels"] = self._render(*self._picture)
-        if self.render_mode == "human":
-            self._get_stage().update()
+        if self._window:
+            self._window.show()
         return observation
 
     def _render(self, camera: Camera, width: int, height: int, kind: str = "rgb") -> np.ndarray:
@@ -390,7 +404,7 @@ class GoalEnv(gym.Env):
 
     def _get_stage(self) -> Stage:
         if self._stage is None:
-            self._stage = Stage(self.world, window=self._picture[0] if self.render_mode == "human" else None)
+            self._stage = Stage(self.world)
         return self._stage
 
     def _goal_pose(self, part: int) -> tuple[Vector, Vector]:

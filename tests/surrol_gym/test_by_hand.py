@@ -9,6 +9,7 @@ import pytest
 import surrol_gym
 from surrol_gym import by_hand
 from surrol_gym.by_hand import HOLD, PATIENCE, BeginAgain, Stop, act_out
+from surrol_gym.envs.goal_env import GoalEnv
 
 CLOSED, OPEN = np.array([0, 0, 0, 0, -1.0]), np.array([0, 0, 0, 0, 1.0])
 
@@ -58,6 +59,13 @@ def test_a_change_of_the_jaws_takes_a_step(acted):
 def test_a_step_lasts_as_long_as_its_simulated_time(acted, time):
     acted(CLOSED + [0.1, 0, 0, 0, 0])
     assert time[-1] == pytest.approx(0.2)
+
+
+def test_a_window_is_kept_alive_while_time_stands_still(acted, monkeypatch):
+    times = []
+    monkeypatch.setattr(GoalEnv, "render", lambda env: times.append(env.elapsed_steps))
+    acted(CLOSED, CLOSED, CLOSED)
+    assert times == [0, 0, 0, 0]
 
 
 def test_beginning_anew_forgets_the_steps(acted):

@@ -9,7 +9,6 @@ import pytest
 from PIL import Image
 
 from surrol_gym.keyboard import HELP
-from surrol_gym.play import named
 
 HERE = Path(__file__).parent
 
@@ -22,17 +21,14 @@ def played(on_display, tmp_path_factory):
     return printed, np.asarray(Image.open(picture).convert("RGB"), dtype=int)
 
 
-@pytest.mark.study
 def test_a_person_picks_the_needle_by_key_presses(played):
     assert "Seed 15: the goal is reached" in played[0]
 
 
-@pytest.mark.study
 def test_the_keys_are_explained_where_it_starts(played):
     assert HELP in played[0]
 
 
-@pytest.mark.study
 def test_the_window_shows_the_scene_as_the_camera_sees_it(played):
     red, green, blue = np.moveaxis(played[1], -1, 0)
     goal = (red > 120) & (green < 60) & (blue < 60)
@@ -41,10 +37,6 @@ def test_the_window_shows_the_scene_as_the_camera_sees_it(played):
     rows, columns = np.nonzero(tray)
     assert len(rows) > 0.05 * tray.size
     assert abs(columns.mean() / tray.shape[1] - 0.5) < 0.1
-
-
-def test_keys_are_named_by_what_they_write():
-    assert named({ord("w"), ord("1"), 65306, 65309, -1, 65297}) == {"w", "1", "shift", "enter"}
 
 
 def test_only_a_window_has_keys(make):
@@ -61,8 +53,7 @@ def test_a_bad_argument_is_named_in_one_line(arguments, named):
     assert named in done.stderr.splitlines()[-1] and "Traceback" not in done.stderr
 
 
-def test_without_a_display_the_way_out_is_named(monkeypatch):
-    monkeypatch.delenv("DISPLAY", raising=False)
+def test_without_a_display_the_way_out_is_named(no_display):
     done = subprocess.run([sys.executable, "-m", "surrol_gym.play"], capture_output=True, text=True)
     assert done.returncode != 0
     assert "display" in done.stderr.splitlines()[-1] and "Traceback" not in done.stderr

@@ -1,5 +1,4 @@
 import numpy as np
-import pybullet
 import pytest
 
 from surrol_gym.bullet import World
@@ -114,15 +113,21 @@ def test_a_stage_may_be_closed_twice(world):
     stage.close()
 
 
-@pytest.mark.parametrize("eye", [(3.75, 0.0, 4.35), (2.0, 1.0, 3.0), (1.0, -2.0, 5.0)])
-def test_a_window_looks_from_where_the_camera_does(eye):
-    """PyBullet turns its window's eye about the target: by the pitch about x, then by the yaw about z, from -y."""
-    camera = Camera(eye=eye, target=(2.7, 0.0, 3.5), field_of_view=90.0)
-    distance, yaw, pitch, target = camera.look()
-    view = pybullet.computeViewMatrixFromYawPitchRoll(target, distance, yaw, pitch, 0, 2)
-    np.testing.assert_allclose(view, camera.matrices(1.0)[0], atol=1e-5)
+@pytest.mark.parametrize(
+    ("turn", "eye"),
+    [
+        ({"yaw": 90.0}, (0.0, 0.4, 1.0)),
+        ({"pitch": 30.0}, (0.4 * np.cos(np.pi / 6), 0.0, 1.2)),
+        ({"zoom": 0.5}, (0.2, 0.0, 1.0)),
+    ],
+    ids=str,
+)
+def test_a_camera_is_turned_about_its_target(turn, eye):
+    turned = CAMERA.turned(**turn)
+    np.testing.assert_allclose(turned.eye, eye, atol=1e-12)
+    assert (turned.target, turned.field_of_view) == (CAMERA.target, CAMERA.field_of_view)
 
 
-def test_a_window_shows_as_much_as_the_camera():
-    wide, narrow = (Camera(CAMERA.eye, CAMERA.target, field_of_view=angle).look()[0] for angle in (90.0, 40.0))
-    assert narrow == pytest.approx(wide * np.tan(np.deg2rad(20)))
+def test_a_camera_is_not_turned_over_the_zenith():
+    eye = CAMERA.turned(pitch=80.0).turned(pitch=80.0).eye
+    assert 0 < eye[0] < 0.1 and eye[2] > 1.39

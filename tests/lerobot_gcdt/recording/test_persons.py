@@ -160,8 +160,7 @@ def test_a_person_acts_alone(other, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_a_person_needs_a_window(tmp_path, monkeypatch):
-    monkeypatch.setitem(env_class("NeedlePick").metadata, "render_modes", ["rgb_array"])
-    with pytest.raises(SystemExit, match="no display"):
+def test_a_person_needs_a_window(tmp_path, no_display):
+    with pytest.raises(SystemExit, match="needs a display"):
         gcdt_cli.main(["record", "--teleop", "keyboard", "--task", "NeedlePick", "--root", str(tmp_path / "x")])
     assert not list(tmp_path.iterdir())

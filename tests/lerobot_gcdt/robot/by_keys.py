@@ -27,10 +27,10 @@ def run(main, *arguments):
     main()
 
 
-def move(*keys, then):
-    """Holds keys down for some steps of the robot, and then calls ``then``; gives what the robot observed.
+def move(*keys, by, then):
+    """Holds keys down until the robot's x has grown by some su, and then calls ``then``; gives what the robot observed.
 
-    Nothing here waits for a time, so it does not matter how busy the machine is.
+    Nothing here waits for a time or counts steps, so it does not matter how late keys are heard on a busy machine.
     """
     seen, ended = [], threading.Event()
 
@@ -48,9 +48,7 @@ def move(*keys, then):
 
     def press():
         after(2)
-        KEYS.hold(keys)
-        after(4)
-        KEYS.let_go(keys)
+        KEYS.hold(keys, lambda: moved(seen)["psm1_x.pos"] > by)
         after(2)
         then(ended)
 
@@ -59,25 +57,20 @@ def move(*keys, then):
     return seen
 
 
-def tap(key):
-    KEYS.hold([key])
-    KEYS.let_go([key])
-
-
 def moved(seen):
     return {name: seen[-1][name] - seen[0][name] for name in seen[0] if name.startswith("psm1_")}
 
 
 told = {}
-seen = move("s", "q", "v", then=threading.Event.set)
+seen = move("s", "q", "v", by=0.08, then=threading.Event.set)
 run(lerobot_teleoperate.main, *ROBOT, "--fps=5", *KEYBOARD)
 told["psm_keyboard"] = moved(seen)
 
-seen = move("Down", "Left", "Control_R", then=threading.Event.set)
+seen = move("Down", "Left", "Control_R", by=0.04, then=threading.Event.set)
 run(lerobot_teleoperate.main, *ROBOT, "--fps=5", "--teleop.type=keyboard_ee")
 told["keyboard_ee"] = moved(seen)
 
-move("s", "d", then=lambda _: tap("Right"))  # by which a person ends an episode of lerobot-record
+move("s", "d", by=0.08, then=lambda _: KEYS.tap("Right"))  # by which a person ends an episode of lerobot-record
 run(
     *(lerobot_record.main, *ROBOT, *KEYBOARD, "--dataset.repo_id=local/by_hand", "--dataset.fps=5"),
     *(f"--dataset.root={FOLDER / 'by_hand'}", "--dataset.single_task=Pick up the needle.", "--dataset.num_episodes=1"),

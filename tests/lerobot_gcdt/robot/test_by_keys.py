@@ -12,7 +12,7 @@ from lerobot_gcdt.data.columns import read_columns
 
 HERE = Path(__file__).parent
 
-pytestmark = pytest.mark.study  # docs/testing.md
+pytestmark = pytest.mark.study  # takes minutes beside other work
 
 
 @pytest.fixture(scope="module")

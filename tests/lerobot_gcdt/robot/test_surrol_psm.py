@@ -179,6 +179,11 @@ def test_a_bad_option_is_named(options, named):
         SurRoLPSMConfig(**options)
 
 
+def test_a_window_without_a_display_is_named(no_display):
+    with pytest.raises(OptionError, match="robot.window: .* DISPLAY is not set"):
+        SurRoLPSMConfig(window=True)
+
+
 @pytest.mark.parametrize(("options", "named"), [({"away": "up"}, "up"), ({"delta_scale": 0.0}, "0.0")])
 def test_a_bad_option_of_deltas_is_named(options, named):
     with pytest.raises(ValueError, match=named):
