@@ -33,6 +33,8 @@ RECIPES = {
     ("gcdt", "finetune"): Recipe(2_000, 4, ("--policy.training_stage=finetune", "--policy.optimizer_lr=5e-4")),
     ("gcdt", "scratch"): Recipe(5_000, 4),
     ("bc", "scratch"): Recipe(15_000, 8),
+    ("dt", "scratch"): Recipe(5_000, 8),
+    ("vinn", "scratch"): Recipe(1, 8),
 }
 """By type of policy and stage. The others are trained with LeRobot's settings, for as many steps as are said."""
 
