@@ -81,7 +81,7 @@ def parse_method(text: str, points: int, steps: int | None = None, options: Iter
     Args:
         text: A type of policy, such as ``bc``, or a name and what it stands for, such as
             ``long=gcdt --policy.context_length=100 --steps=8000``.
-        points: Checkpoints that are evaluated.
+        points: Checkpoints that are evaluated, as far as there are steps.
         steps: Steps where the text says none; None for those of ``lerobot_gcdt.training.stages.RECIPES``.
         options: Arguments of `lerobot-train` for all methods; those of the text win.
 
@@ -105,6 +105,7 @@ def parse_method(text: str, points: int, steps: int | None = None, options: Iter
                 raise ValueError(f"The method {name} has {option}, which is no number of steps.")
             steps = int(option.removeprefix(STEPS))
     steps = steps_to_train(policy, recipe(policy, "scratch"), steps)
+    points = min(points, steps)
     if points < 1 or steps % points:
         raise ValueError(f"The {steps} steps of the method {name} cannot be divided into {points} equal parts.")
     settings = (*options, *(option for option in own if not option.startswith(STEPS)))
@@ -166,7 +167,7 @@ def benchmark(
     # With the seed outermost, all methods and tasks can be compared as soon as the first seed is through.
     cells = [Cell(method, task, seed) for seed in seeds for task in names for method in chosen]
     numbers = _kept(output, cells, starts).groupby(CELL).size()
-    finished = {cell for cell in cells if numbers.get(cell.key) == points * len(starts)}
+    finished = {cell for cell in cells if numbers.get(cell.key) == cell.method.points * len(starts)}
     with tqdm(total=len(cells), initial=len(finished), desc="Benchmark", unit="training") as bar:
         for cell in cells:
             if cell not in finished:

@@ -160,6 +160,13 @@ def test_a_method_is_a_type_or_a_name_and_what_it_stands_for():
     assert list(long.checkpoints) == [4, 8]
 
 
+def test_no_more_checkpoints_are_evaluated_than_there_are_steps(datasets, tmp_path, asked):
+    command = {"tasks": ["NeedleReach"], "methods": ["vinn"], "seeds": [0], "starts": STARTS}
+    assert set(benchmark(datasets, tmp_path, **command).step) == {1}
+    benchmark(datasets, tmp_path, **command)
+    assert len(asked) == 1, "the second call finds the cell finished"
+
+
 # Bad input.
 
 
@@ -170,7 +177,7 @@ def test_a_method_is_a_type_or_a_name_and_what_it_stands_for():
         ({"methods": ["../bc=bc"]}, "'../bc=bc' is no method; write .* such as gcdt"),
         ({"methods": [""]}, "'' is no method"),
         ({"methods": ["bc", "bc"]}, "at least one method, each once"),
-        ({"methods": ["act"]}, "type act .* --steps"),
+        ({"methods": ["vqbet"]}, "type vqbet .* --steps"),
         ({"methods": ["bc=bc --steps=many"]}, "The method bc has --steps=many"),
         ({"methods": ["wide=bc --policy.width=9"]}, "method wide: .*`width` are not valid for BCConfig"),
         ({"methods": ["wide=bc policy.width=9"]}, "method wide: unrecognized arguments: policy.width=9"),
