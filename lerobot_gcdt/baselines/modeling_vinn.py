@@ -14,7 +14,7 @@ from lerobot_gcdt.data.statistics import mean_and_std
 from lerobot_gcdt.keys import ACTION
 
 NEIGHBOURS = (1, 2, 4, 8, 16, 32, 64)
-TEMPERATURES = (0.03, 0.1, 0.3, 1.0, 3.0)
+TEMPERATURES = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 """What is chosen from; the numbers of the observation, and so their distances, are standardised."""
 
 QUERIES = 2_000
