@@ -1,8 +1,8 @@
 """The goal-conditioned decision transformer and the SurRoL environments as LeRobot plugins.
 
-Importing the package registers the policy types ``gcdt`` and ``bc``; where PyBullet is installed also the environment
-type ``surrol``, the robot types ``surrol_psm`` and ``dvrk_psm``, and the teleoperator type ``psm_keyboard``. Policies
-are trained and loaded without it.
+Importing the package registers the policy types ``gcdt``, ``bc``, ``dt`` and ``vinn``; where PyBullet is installed also
+the environment type ``surrol``, the robot types ``surrol_psm`` and ``dvrk_psm``, and the teleoperator type
+``psm_keyboard``. Policies are trained and loaded without it.
 """
 
 from importlib.util import find_spec
@@ -10,6 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from lerobot_gcdt.baselines.modeling_bc import BCPolicy
+from lerobot_gcdt.baselines.modeling_dt import DTPolicy
+from lerobot_gcdt.baselines.modeling_vinn import VINNPolicy
 from lerobot_gcdt.policy.configuration_gcdt import GCDTConfig
 from lerobot_gcdt.policy.modeling_gcdt import GCDTPolicy
 from lerobot_gcdt.policy.processor_gcdt import make_gcdt_pre_post_processors
@@ -17,7 +19,15 @@ from lerobot_gcdt.policy.processor_gcdt import make_gcdt_pre_post_processors
 GENERALIST = Path(__file__).parent / "generalist"
 """Checkpoint that comes with the package, for ``GCDTPolicy.from_pretrained``: one policy for all ten tasks."""
 
-__all__ = ["GENERALIST", "BCPolicy", "GCDTConfig", "GCDTPolicy", "make_gcdt_pre_post_processors"]
+__all__ = [
+    "GENERALIST",
+    "BCPolicy",
+    "DTPolicy",
+    "GCDTConfig",
+    "GCDTPolicy",
+    "VINNPolicy",
+    "make_gcdt_pre_post_processors",
+]
 
 if find_spec("pybullet"):  # which is loaded when an environment is made, not before
     from lerobot_gcdt.environment.surrol_env import SurRoLEnvConfig  # noqa: F401

@@ -9,11 +9,11 @@ from lerobot.policies.pretrained import PreTrainedPolicy
 from torch import Tensor, nn
 
 from lerobot_gcdt.baselines.configuration_bc import BCConfig
+from lerobot_gcdt.baselines.one_task import open_one_task, state_and_goal, training_frames
 from lerobot_gcdt.data.robot_state import with_goals
 from lerobot_gcdt.data.statistics import mean_and_std, mean_of_each
-from lerobot_gcdt.data.task_layouts import task_layouts
 from lerobot_gcdt.data.trajectories import TrajectoryBank
-from lerobot_gcdt.keys import ACHIEVED_GOAL, ACTION, GOAL, STATE
+from lerobot_gcdt.keys import ACTION
 from lerobot_gcdt.precision import training_precision
 
 
@@ -43,10 +43,7 @@ class BCPolicy(PreTrainedPolicy):
         super().__init__(config)
         self._bank: TrajectoryBank | None = None
         if dataset_meta is not None:
-            if len(dataset_meta.tasks) > 1:
-                raise ValueError(f"BC learns one task; {dataset_meta.repo_id} holds {len(dataset_meta.tasks)}.")
-            self._bank = TrajectoryBank.of(dataset_meta, config.device)
-            config.task_dims = {task: layout.sizes for task, layout in task_layouts(dataset_meta).items()}
+            self._bank = open_one_task(dataset_meta, config)
         [(state, goal, action)] = config.task_dims.values()
         inputs = state + goal * (2 if config.relative_goal else 1)
         self.register_buffer("mean", torch.zeros(inputs))
@@ -58,9 +55,7 @@ class BCPolicy(PreTrainedPolicy):
         layers = [(nn.Linear(a, b), regularised) for a, b in itertools.pairwise(sizes)]
         self.network = nn.Sequential(*itertools.chain(*layers), nn.Linear(sizes[-1], action), nn.Tanh())
         if self._bank is not None:
-            starts = self._bank.training_starts(0)
-            seen = self._bank.sequences(self._bank.pieces(starts, 1)).items
-            mean, std = mean_and_std(self._inputs({key: value[:, 0] for key, value in seen.items()}))
+            mean, std = mean_and_std(state_and_goal(training_frames(self._bank)[0], config.relative_goal))
             self.mean.copy_(mean)
             self.std.copy_(std)
 
@@ -113,14 +108,8 @@ class BCPolicy(PreTrainedPolicy):
         """Returns all parameters, to be updated by PyTorch's fused optimiser."""
         return [{"params": list(self.parameters()), "fused": True}]
 
-    def _inputs(self, items: dict[str, Tensor]) -> Tensor:
-        parts = [items[STATE], items[GOAL]]
-        if self.config.relative_goal:
-            parts.append(items[GOAL] - items[ACHIEVED_GOAL])
-        return torch.cat(parts, dim=-1)
-
     def _act(self, items: dict[str, Tensor]) -> Tensor:
-        inputs = (self._inputs(items) - self.mean) / self.std
+        inputs = (state_and_goal(items, self.config.relative_goal) - self.mean) / self.std
         # Corrections near a goal are small beside the observations; only the layers between may work in bfloat16.
         with torch.autocast(inputs.device.type, enabled=False):
             first = self.network[:2](inputs)

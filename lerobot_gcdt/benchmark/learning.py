@@ -97,7 +97,7 @@ def parse_method(text: str, points: int, steps: int | None = None, options: Iter
         text: A type of policy, such as ``bc``, or a name and what it stands for, such as
             ``long=gcdt --policy.context_length=100 --steps=8000``. Beside options of `lerobot-train` it may hold
             ``--steps``, ``--start`` and ``--dataset`` (``Method``).
-        points: Checkpoints that are evaluated.
+        points: Checkpoints that are evaluated, as far as there are steps.
         steps: Steps where the text says none; None for those of ``lerobot_gcdt.training.stages.RECIPES``.
         options: Arguments of `lerobot-train` for all methods; those of the text win.
 
@@ -124,6 +124,7 @@ def parse_method(text: str, points: int, steps: int | None = None, options: Iter
         raise ValueError(f"The method {name} is a policy of type {policy}, and {said['start']} is one of type {found}.")
     steps = int(said["steps"]) if "steps" in said else steps
     steps = steps_to_train(policy, recipe(policy, "finetune" if start else "scratch", start), steps)
+    points = min(points, steps)
     if points < 1 or steps % points:
         raise ValueError(f"The {steps} steps of the method {name} cannot be divided into {points} equal parts.")
     settings = (*options, *(option for option in own if option[2:].partition("=")[0] not in said))
@@ -191,7 +192,7 @@ def benchmark(
         raise ValueError(f"{output} keeps episodes of other sensors than {described}; choose another --output.")
     _claim_folders(output, chosen)
     numbers = _kept(output, cells, starts).groupby(CELL).size()
-    finished = {cell for cell in cells if numbers.get(cell.key) == points * len(starts)}
+    finished = {cell for cell in cells if numbers.get(cell.key) == cell.method.points * len(starts)}
     with tqdm(total=len(cells), initial=len(finished), desc="Benchmark", unit="training") as bar:
         for cell in cells:
             if cell not in finished:

@@ -6,6 +6,7 @@ import shlex
 import shutil
 import subprocess
 from collections.abc import Sequence
+from importlib.util import find_spec
 from pathlib import Path
 from typing import NamedTuple
 
@@ -26,6 +27,13 @@ class Recipe(NamedTuple):
     options: tuple[str, ...] = ()
 
 
+def _lerobots(steps: int, batch_size: int, normalisation: str, *options: str) -> Recipe:
+    """A recipe of one of LeRobot's policies, which leave the goal as it is unless they are told to normalise it."""
+    modes = ", ".join(f'"{kind}": "{normalisation}"' for kind in ("STATE", "ENV", "ACTION"))
+    settings = (f"normalization_mapping={{{modes}}}", *options)
+    return Recipe(steps, batch_size, tuple(f"--policy.{option}" for option in settings))
+
+
 RECIPES = {
     ("gcdt", "pretrain"): Recipe(20_000, 4, ("--policy.training_stage=pretrain",)),
     ("gcdt", "generalist"): Recipe(30_000, 8, ("--policy.training_stage=finetune",)),
@@ -33,8 +41,22 @@ RECIPES = {
     ("gcdt", "finetune"): Recipe(2_000, 4, ("--policy.training_stage=finetune", "--policy.optimizer_lr=5e-4")),
     ("gcdt", "scratch"): Recipe(5_000, 4),
     ("bc", "scratch"): Recipe(15_000, 8),
+    ("dt", "scratch"): Recipe(5_000, 8),
+    ("vinn", "scratch"): Recipe(1, 8),
+    # Small enough for a few dozen numbers, and observed anew every second or two: LeRobot's settings are for pictures.
+    ("act", "scratch"): _lerobots(
+        *(5_000, 32, "MEAN_STD", "chunk_size=10", "n_action_steps=5", "dim_model=128", "n_heads=4"),
+        *("dim_feedforward=512", "n_vae_encoder_layers=2", "optimizer_lr=5e-4"),
+    ),
+    ("diffusion", "scratch"): _lerobots(
+        *(5_000, 32, "MIN_MAX", "horizon=16", "n_action_steps=8", "down_dims=[64,128]", "optimizer_lr=5e-4"),
+        *("noise_scheduler_type=DDIM", "num_inference_steps=10"),
+    ),
 }
 """By type of policy and stage. The others are trained with LeRobot's settings, for as many steps as are said."""
+
+EXTRAS = {"diffusion": "diffusers"}
+"""Packages that types of policies need beside LeRobot, whose extra has the name of the type."""
 
 
 def train(
@@ -53,7 +75,8 @@ def train(
     Args:
         dataset: Folder of the dataset.
         output: Folder of the checkpoints and of the losses (``loss_curve``).
-        policy: Type of the policy: ``"gcdt"``, ``"bc"`` or one of LeRobot's. None for that of ``start``, or ``"gcdt"``.
+        policy: Type of the policy: ``"gcdt"``, a baseline such as ``"bc"``, or one of LeRobot's. None for that of
+            ``start``, or ``"gcdt"``.
         stage: ``"pretrain"``: all objectives, usually on many tasks; ``"generalist"``: actions only, on the same;
             ``"finetune"``: actions only, on one task; ``"scratch"``: from random weights. None for ``"finetune"`` where
             there is a start, and else ``"scratch"``.
@@ -138,7 +161,8 @@ def recipe(policy: str, stage: str, start: Path | None = None) -> Recipe:
     """Returns the settings of a stage.
 
     Raises:
-        ValueError: There is no such policy, or it has no such stage with this start or without one.
+        ValueError: There is no such policy, what it needs is not installed, or it has no such stage with this start or
+            without one.
     """
     register_third_party_plugins()
     known = PreTrainedConfig.get_known_choices()
@@ -151,6 +175,11 @@ def recipe(policy: str, stage: str, start: Path | None = None) -> Recipe:
     if goes_on != (start is not None):
         begins = "a checkpoint; add --start" if goes_on else "random weights; leave out --start"
         raise ValueError(f"The stage {stage} begins with {begins}.")
+    if policy in EXTRAS and not find_spec(EXTRAS[policy]):
+        raise ValueError(
+            f"A policy of type {policy} needs {EXTRAS[policy]}, which is not installed: "
+            f"`pip install 'lerobot[{policy}]'`."
+        )
     return RECIPES.get((policy, stage), Recipe(None, 8))
 
 

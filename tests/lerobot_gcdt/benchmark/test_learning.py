@@ -185,6 +185,13 @@ def test_all_cells_see_through_the_same_sensors(datasets, tmp_path, asked):
         benchmark(datasets, tmp_path, **request)
 
 
+def test_no_more_checkpoints_are_evaluated_than_there_are_steps(datasets, tmp_path, asked):
+    command = {"tasks": ["NeedleReach"], "methods": ["vinn"], "seeds": [0], "starts": STARTS}
+    assert set(benchmark(datasets, tmp_path, **command).step) == {1}
+    benchmark(datasets, tmp_path, **command)
+    assert len(asked) == 1, "the second call finds the cell finished"
+
+
 # Bad input.
 
 
@@ -195,7 +202,7 @@ def test_all_cells_see_through_the_same_sensors(datasets, tmp_path, asked):
         ({"methods": ["../bc=bc"]}, "'../bc=bc' is no method; write .* such as gcdt"),
         ({"methods": [""]}, "'' is no method"),
         ({"methods": ["bc", "bc"]}, "at least one method, each once"),
-        ({"methods": ["act"]}, "type act .* --steps"),
+        ({"methods": ["vqbet"]}, "type vqbet .* --steps"),
         ({"methods": ["bc=bc --steps=many"]}, "The method bc has --steps=many"),
         ({"methods": ["tuned=gcdt --start=nowhere"]}, "nowhere holds no checkpoint"),
         ({"methods": [f"tuned=bc --start={GENERALIST}"]}, "tuned is a policy of type bc, .* one of type gcdt"),

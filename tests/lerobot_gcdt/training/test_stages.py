@@ -9,7 +9,8 @@ import pytest
 from safetensors.torch import load_file
 
 from lerobot_gcdt import training
-from lerobot_gcdt.training import checkpoint, loss_curve, trainer
+from lerobot_gcdt.training import checkpoint, loss_curve, stages, trainer
+from lerobot_gcdt.training.stages import RECIPES
 
 TINY = ["--policy.layers=1", "--policy.width=16", "--policy.heads=2", "--policy.inner_width=16"]
 
@@ -68,12 +69,19 @@ def test_a_policy_from_scratch_gets_the_arguments_of_the_quickstart(needle_pick_
     ("policy", "options", "told"),
     [
         ("bc", {}, {"--policy.type=bc", "--steps=15000", "--batch_size=8"}),
+        ("vinn", {}, {"--policy.type=vinn", "--steps=1"}),
         ("act", {"steps": 9, "options": ["--policy.chunk_size=5"]}, {"--policy.type=act", "--policy.chunk_size=5"}),
     ],
 )
 def test_other_policies_have_their_own_settings(needle_pick_root, tmp_path, asked, policy, options, told):
     training.train(needle_pick_root, tmp_path / "new", policy, **options)
     assert told <= set(asked[0])
+
+
+@pytest.mark.parametrize(("policy", "stage"), RECIPES)
+def test_lerobots_trainer_takes_every_recipe(policy, stage):
+    options = RECIPES[policy, stage].options
+    trainer.check_options([f"--policy.type={policy}", "--policy.push_to_hub=false", "--dataset.repo_id=any", *options])
 
 
 # Going on.
@@ -135,7 +143,7 @@ def test_the_folder_of_another_training_is_refused(trained, uneven_root, needle_
     ("options", "told"),
     [
         ({"policy": "gdct", "steps": 5}, "Unknown policy type 'gdct'; choose one of act, bc"),
-        ({"policy": "act"}, "type act .* --steps"),
+        ({"policy": "vqbet"}, "type vqbet .* --steps"),
         ({"policy": "bc", "stage": "pretrain"}, "type bc has no stage 'pretrain'; choose one of finetune, scratch"),
         ({"stage": "tuning"}, "no stage 'tuning'; choose one of pretrain, generalist, finetune, scratch"),
         ({"stage": "generalist"}, "add --start"),
@@ -150,6 +158,15 @@ def test_a_bad_request_is_told_before_anything_is_written(trained, needle_pick_r
         options = options | {"start": trained / options["start"]}
     with pytest.raises(ValueError, match=told):
         training.train(needle_pick_root, tmp_path / "new", **options)
+    assert not asked and not list(tmp_path.iterdir())
+
+
+def test_a_package_that_a_policy_needs_is_named_before_anything_is_written(
+    needle_pick_root, tmp_path, asked, monkeypatch
+):
+    monkeypatch.setattr(stages, "find_spec", lambda package: None)
+    with pytest.raises(ValueError, match=r"diffusion needs diffusers, .* `pip install 'lerobot\[diffusion\]'`"):
+        training.train(needle_pick_root, tmp_path / "new", "diffusion")
     assert not asked and not list(tmp_path.iterdir())
 
 

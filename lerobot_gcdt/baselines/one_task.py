@@ -1,0 +1,40 @@
+"""What the baselines have in common: each learns one task, from its observations and goals."""
+
+import torch
+from lerobot.configs.policies import PreTrainedConfig
+from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
+from torch import Tensor
+
+from lerobot_gcdt.data.task_layouts import task_layouts
+from lerobot_gcdt.data.trajectories import TrajectoryBank
+from lerobot_gcdt.keys import ACHIEVED_GOAL, GOAL, STATE
+
+
+def open_one_task(meta: LeRobotDatasetMetadata, config: PreTrainedConfig) -> TrajectoryBank:
+    """Reads the dataset of one task, whose sizes it notes in ``config.task_dims``.
+
+    Raises:
+        ValueError: The dataset holds several tasks; and what ``TrajectoryBank.of`` raises.
+    """
+    if len(meta.tasks) > 1:
+        raise ValueError(f"{config.type} learns one task; {meta.repo_id} holds {len(meta.tasks)}.")
+    bank = TrajectoryBank.of(meta, config.device)
+    config.task_dims = {task: layout.sizes for task, layout in task_layouts(meta).items()}
+    return bank
+
+
+def training_frames(bank: TrajectoryBank) -> tuple[dict[str, Tensor], Tensor]:
+    """Returns all frames of the episodes that are trained on.
+
+    Returns:
+        What each frame holds, by dataset key, shape (N, size), and the first frame of its episode, shape (N,).
+    """
+    pieces = bank.pieces(bank.training_starts(0), 1)
+    items = {key: value[:, 0] for key, value in bank.sequences(pieces).items.items()}
+    return items, bank.first[pieces.first]
+
+
+def state_and_goal(items: dict[str, Tensor], relative_goal: bool = True) -> Tensor:
+    """Joins observation, goal and, if asked for, what is left to the goal, along the last axis."""
+    left = [items[GOAL] - items[ACHIEVED_GOAL]] if relative_goal else []
+    return torch.cat([items[STATE], items[GOAL], *left], dim=-1)
