@@ -26,8 +26,9 @@ from lerobot_gcdt.precision import training_precision
 TOKENS = len(ORDER)
 """Tokens a step."""
 
-_HIDE_TIME = 200
-"""The random number that decides whether a piece's time-to-goal is hidden; smaller ones are used elsewhere."""
+_HIDE_TIME, _LENGTH = 200, 201
+"""The random numbers that decide whether a piece's time-to-goal is hidden, and how long the pieces of a step are; smaller
+ones are used elsewhere."""
 
 NOW = ORDER[: ORDER.index(ACTION)]
 """Kinds of items of a step that are there before its action."""
@@ -135,7 +136,7 @@ class GCDTPolicy(PreTrainedPolicy):
             sequences = Sequences.of_windows(batch, {task: self.config.task_dims[task] for task in self._task_order})
         else:
             bank = self.bank.to(index.device)
-            length = self.config.context_length
+            length = self._piece_length()
             sequences = self._draw(index, length) if self.training else bank.sequences(bank.pieces(index, length))
         with training_precision(self.config.dtype, index.device.type):
             without_time = self._without_time(sequences)
@@ -338,6 +339,13 @@ class GCDTPolicy(PreTrainedPolicy):
         for i, task in enumerate(tasks):
             self.config.expected_steps.setdefault(task, self._bank.expected_steps(i))
         return tasks
+
+    def _piece_length(self) -> int:
+        """Steps of the pieces that are read: in training drawn for each batch, evenly over the orders of magnitude."""
+        longest = self.config.context_length
+        if not (self.training and self.config.draw_context):
+            return longest
+        return min(int((longest + 1) ** uniform(self.training_step, _LENGTH).item()), longest)
 
     def _draw(self, index: Tensor, length: int, count: int | None = None) -> Sequences:
         """Draws relabelled pieces for training, by the number of the step and the frames of a batch."""

@@ -148,6 +148,21 @@ def test_the_achieved_goal_is_out_of_sight_without_relative_goals(tiny_config, n
 # Remembering equals recomputing.
 
 
+def test_training_reads_pieces_of_drawn_lengths(policy):
+    policy.config.context_length = 50
+    policy.train()
+    drawn = []
+    for step in range(400):
+        policy.training_step.fill_(step)
+        drawn.append(policy._piece_length())
+    assert min(drawn) == 1 and max(drawn) <= 50
+    assert sum(length <= 6 for length in drawn) / 400 == pytest.approx(0.5, abs=0.08)  # half of the orders of magnitude
+    policy.config.draw_context = False
+    assert policy._piece_length() == 50
+    policy.config.draw_context = True
+    assert policy.eval()._piece_length() == 50
+
+
 @pytest.mark.parametrize("context_length", [100, 8, 1])
 @pytest.mark.parametrize("one_token", [True, False])
 @pytest.mark.parametrize("dropout", [0.0, 0.5, 1.0])
