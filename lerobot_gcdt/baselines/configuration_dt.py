@@ -6,6 +6,7 @@ from lerobot.configs.policies import PreTrainedConfig
 from lerobot.optim.optimizers import AdamWConfig
 from lerobot.optim.schedulers import CosineDecayWithWarmupSchedulerConfig
 
+from lerobot_gcdt.baselines.one_task import whole_cosine
 from lerobot_gcdt.data.single_frames import SingleFrames
 from lerobot_gcdt.errors import OptionError
 
@@ -60,10 +61,5 @@ class DTConfig(SingleFrames):
         return AdamWConfig(lr=self.optimizer_lr, weight_decay=1e-4, grad_clip_norm=0.25)
 
     def get_scheduler_preset(self) -> CosineDecayWithWarmupSchedulerConfig:
-        """Returns a cosine decay that shrinks to the length of the training."""
-        return CosineDecayWithWarmupSchedulerConfig(
-            num_warmup_steps=50_000,
-            num_decay_steps=1_000_000,
-            peak_lr=self.optimizer_lr,
-            decay_lr=self.optimizer_lr / 100,
-        )
+        """Returns ``whole_cosine``."""
+        return whole_cosine(self.optimizer_lr)

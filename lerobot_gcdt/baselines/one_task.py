@@ -3,6 +3,7 @@
 import torch
 from lerobot.configs.policies import PreTrainedConfig
 from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
+from lerobot.optim.schedulers import CosineDecayWithWarmupSchedulerConfig
 from torch import Tensor
 
 from lerobot_gcdt.data.task_layouts import task_layouts
@@ -38,3 +39,10 @@ def state_and_goal(items: dict[str, Tensor], relative_goal: bool = True) -> Tens
     """Joins observation, goal and, if asked for, what is left to the goal, along the last axis."""
     left = [items[GOAL] - items[ACHIEVED_GOAL]] if relative_goal else []
     return torch.cat([items[STATE], items[GOAL], *left], dim=-1)
+
+
+def whole_cosine(peak_lr: float) -> CosineDecayWithWarmupSchedulerConfig:
+    """Returns a warm-up over a twentieth and a cosine decay to a hundredth, which LeRobot shrinks to any training."""
+    return CosineDecayWithWarmupSchedulerConfig(
+        num_warmup_steps=50_000, num_decay_steps=1_000_000, peak_lr=peak_lr, decay_lr=peak_lr / 100
+    )
