@@ -32,9 +32,9 @@ class GCDTConfig(SingleFrames):
         context_length: Steps that an action is predicted from, its own included, in training and at test time alike.
             100 is the paper's; 1 measured better (docs/differences.md), because the scripted experts act on what they
             see now.
-        draw_context: Whether each batch of training draws how many of these steps its pieces have, evenly over the orders
-            of magnitude, so that a policy that remembers still acts well on what it sees now, and many pieces of a few
-            steps are of many episodes. False is the paper's.
+        draw_context: Whether each batch of training draws how many of these steps its pieces have, evenly over the
+            orders of magnitude, so that a policy that remembers still acts well on what it sees now, and short pieces
+            are of many episodes. False is the paper's.
         max_timesteps: Size of the timestep embedding; later steps share its last entry.
         hindsight_ratio: Share of the training trajectories that are cut at a random step and relabelled with the goal
             achieved there; the rest are whole demonstrations. 1 gives the paper's mix: every frame of a demonstration

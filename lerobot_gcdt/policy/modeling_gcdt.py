@@ -27,8 +27,8 @@ TOKENS = len(ORDER)
 """Tokens a step."""
 
 _HIDE_TIME, _LENGTH = 200, 201
-"""The random numbers that decide whether a piece's time-to-goal is hidden, and how long the pieces of a step are; smaller
-ones are used elsewhere."""
+"""The random numbers that decide whether a piece's time-to-goal is hidden, and how long the pieces of a step are;
+smaller ones are used elsewhere."""
 
 NOW = ORDER[: ORDER.index(ACTION)]
 """Kinds of items of a step that are there before its action."""
