@@ -9,7 +9,7 @@ from lerobot.policies.pretrained import PreTrainedPolicy
 from torch import Tensor, nn
 
 from lerobot_gcdt.baselines.configuration_bc import BCConfig
-from lerobot_gcdt.baselines.one_task import open_one_task, state_and_goal, training_frames
+from lerobot_gcdt.baselines.one_task import open_one_task, state_and_goal, to_train_on, training_frames
 from lerobot_gcdt.data.robot_state import with_goals
 from lerobot_gcdt.data.statistics import mean_and_std, mean_of_each
 from lerobot_gcdt.data.trajectories import TrajectoryBank
@@ -75,10 +75,8 @@ class BCPolicy(PreTrainedPolicy):
         Raises:
             RuntimeError: The policy was made without a dataset.
         """
-        if self._bank is None:
-            raise RuntimeError("This policy was made for inference; to train it, pass dataset_meta to its constructor.")
         index = batch["index"].to(self.mean.device)
-        bank, config = self._bank.to(index.device), self.config
+        bank, config = to_train_on(self._bank, index.device), self.config
         if self.training:
             pieces = bank.draw_pieces(index, 1, self.training_step, config.frames_per_sample)
             self.training_step += 1
@@ -111,8 +109,10 @@ class BCPolicy(PreTrainedPolicy):
     def _act(self, items: dict[str, Tensor]) -> Tensor:
         inputs = (state_and_goal(items, self.config.relative_goal) - self.mean) / self.std
         # Corrections near a goal are small beside the observations; only the layers between may work in bfloat16.
+        last = len(self.network) - 2
+        first = min(2, last)
         with torch.autocast(inputs.device.type, enabled=False):
-            first = self.network[:2](inputs)
-        between = self.network[2:-2](first)
+            hidden = self.network[:first](inputs)
+        hidden = self.network[first:last](hidden)
         with torch.autocast(inputs.device.type, enabled=False):
-            return self.network[-2:](between.float())
+            return self.network[last:](hidden.float())

@@ -8,7 +8,7 @@ from lerobot.policies.pretrained import PreTrainedPolicy
 from torch import Tensor, nn
 
 from lerobot_gcdt.baselines.configuration_dt import DTConfig
-from lerobot_gcdt.baselines.one_task import open_one_task, state_and_goal, training_frames
+from lerobot_gcdt.baselines.one_task import open_one_task, state_and_goal, to_train_on, training_frames
 from lerobot_gcdt.data.columns import read_columns
 from lerobot_gcdt.data.robot_state import with_goals
 from lerobot_gcdt.data.statistics import mean_and_std, mean_of_each
@@ -95,10 +95,8 @@ class DTPolicy(PreTrainedPolicy):
         Raises:
             RuntimeError: The policy was made without a dataset.
         """
-        if self._bank is None:
-            raise RuntimeError("This policy was made for inference; to train it, pass dataset_meta to its constructor.")
         index = batch["index"].to(self.mean.device)
-        bank = self._bank.to(index.device)
+        bank = to_train_on(self._bank, index.device)
         self._returns = self._returns.to(index.device)
         first, source = index, torch.arange(len(index), device=index.device)
         if self.training:

@@ -8,7 +8,7 @@ from lerobot.policies.pretrained import PreTrainedPolicy
 from torch import Tensor, nn
 
 from lerobot_gcdt.baselines.configuration_vinn import VINNConfig
-from lerobot_gcdt.baselines.one_task import open_one_task, state_and_goal, training_frames
+from lerobot_gcdt.baselines.one_task import open_one_task, state_and_goal, to_train_on, training_frames
 from lerobot_gcdt.data.robot_state import with_goals
 from lerobot_gcdt.data.statistics import mean_and_std
 from lerobot_gcdt.keys import ACTION
@@ -83,10 +83,8 @@ class VINNPolicy(PreTrainedPolicy):
         Raises:
             RuntimeError: The policy was made without a dataset.
         """
-        if self._bank is None:
-            raise RuntimeError("This policy was made for inference; to train it, pass dataset_meta to its constructor.")
         index = batch["index"].to(self.seen.device)
-        bank = self._bank.to(index.device)
+        bank = to_train_on(self._bank, index.device)
         self._episode = self._episode.to(index.device)
         seen = (state_and_goal({key: value[index] for key, value in bank.items.items()}) - self.mean) / self.std
         distance, nearest = self._nearest(seen, self.config.neighbours, bank.first[index])

@@ -24,6 +24,17 @@ def open_one_task(meta: LeRobotDatasetMetadata, config: PreTrainedConfig) -> Tra
     return bank
 
 
+def to_train_on(bank: TrajectoryBank | None, device: torch.device) -> TrajectoryBank:
+    """Returns the trajectories of a policy, on a device.
+
+    Raises:
+        RuntimeError: It has none.
+    """
+    if bank is None:
+        raise RuntimeError("This policy was made for inference; to train it, pass dataset_meta to its constructor.")
+    return bank.to(device)
+
+
 def training_frames(bank: TrajectoryBank) -> tuple[dict[str, Tensor], Tensor]:
     """Returns all frames of the episodes that are trained on.
 

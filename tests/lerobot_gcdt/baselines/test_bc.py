@@ -79,6 +79,11 @@ def test_only_the_layers_between_train_in_the_chosen_precision(policy, dtype):
     assert seen == [torch.float32, getattr(torch, dtype), torch.float32] + 3 * [torch.float32]
 
 
+def test_it_may_be_linear(needle_pick_meta):
+    config = BCConfig(hidden_sizes=(), device="cpu", push_to_hub=False)
+    assert BCPolicy(config, dataset_meta=needle_pick_meta).select_action(observation(4)).shape == (4, 5)
+
+
 def test_a_saved_policy_acts_the_same(policy, tmp_path):
     batch = observation(3)
     action = policy.select_action(batch)
