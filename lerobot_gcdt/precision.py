@@ -31,6 +31,11 @@ def training_precision(dtype: str, device: str) -> torch.autocast:
     return torch.autocast(device, torch.bfloat16, enabled=chosen == torch.bfloat16)
 
 
+def autocast_dtype(device: str) -> torch.dtype:
+    """Returns the type that products on a device are computed in at the moment."""
+    return torch.get_autocast_dtype(device) if torch.is_autocast_enabled(device) else torch.float32
+
+
 @functools.cache
 def faster_precision(device: str) -> torch.dtype:
     """Returns the faster type for training on a device, ``torch.bfloat16`` or ``torch.float32``, and logs the choice.

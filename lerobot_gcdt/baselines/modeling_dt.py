@@ -9,8 +9,8 @@ from torch import Tensor, nn
 
 from lerobot_gcdt.baselines.configuration_dt import DTConfig
 from lerobot_gcdt.baselines.one_task import open_one_task, state_and_goal, to_train_on, training_frames
+from lerobot_gcdt.data.acting_batch import with_goals
 from lerobot_gcdt.data.columns import read_columns
-from lerobot_gcdt.data.robot_state import with_goals
 from lerobot_gcdt.data.statistics import mean_and_std, mean_of_each
 from lerobot_gcdt.data.trajectories import TrajectoryBank
 from lerobot_gcdt.keys import ACTION, REWARD, STATE

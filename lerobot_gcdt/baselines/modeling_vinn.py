@@ -9,7 +9,7 @@ from torch import Tensor, nn
 
 from lerobot_gcdt.baselines.configuration_vinn import VINNConfig
 from lerobot_gcdt.baselines.one_task import open_one_task, state_and_goal, to_train_on, training_frames
-from lerobot_gcdt.data.robot_state import with_goals
+from lerobot_gcdt.data.acting_batch import with_goals
 from lerobot_gcdt.data.statistics import mean_and_std
 from lerobot_gcdt.keys import ACTION
 

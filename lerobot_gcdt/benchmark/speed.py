@@ -18,7 +18,8 @@ from lerobot_gcdt.keys import ACHIEVED_GOAL, GOAL, REQUIRED_KEYS, STATE
 from lerobot_gcdt.policy.configuration_gcdt import GCDTConfig
 from lerobot_gcdt.policy.modeling_gcdt import GCDTPolicy
 from lerobot_gcdt.policy.tokens import ORDER
-from lerobot_gcdt.precision import faster_precision, training_precision
+from lerobot_gcdt.policy.transformer import attention_mask
+from lerobot_gcdt.precision import autocast_dtype, faster_precision, training_precision
 from lerobot_gcdt.recording import record
 
 BATCH, WINDOW = 8, 50
@@ -56,10 +57,10 @@ def measure(root: Path, device: str, context_length: int, rounds: int = 10) -> l
     policy.to(device)
     optimizer = torch.optim.AdamW(policy.get_optim_params(), lr=1e-4)
     index = torch.randint(len(policy.bank), (BATCH,), generator=torch.Generator().manual_seed(0))
-    sequences = policy._draw(index.to(device), context_length)
+    sequences = policy.bank.sequences(policy.bank.draw_pieces(index.to(device), context_length, step=0))
     kinds = 1 if config.one_token else len(ORDER) if context_length > 1 else len(ORDER) - 1
     r, s = sequences.segment.shape
-    mask = policy._attention_mask(sequences, kinds, context_length, causal=True)
+    mask = attention_mask(sequences.segment, kinds, context_length, causal=True)
 
     def step(loss: Callable[[], torch.Tensor], dtype: str = "auto") -> Callable[[], None]:
         def run() -> None:
@@ -73,7 +74,7 @@ def measure(root: Path, device: str, context_length: int, rounds: int = 10) -> l
     def bare() -> torch.Tensor:
         tokens = torch.randn(r, s * kinds, config.width, device=device)
         with training_precision(config.dtype, device):
-            return policy.transformer(tokens, mask.to(policy._compute_dtype())).square().mean()
+            return policy.transformer(tokens, mask.to(autocast_dtype(device))).square().mean()
 
     def whole() -> torch.Tensor:
         return policy.forward({"index": index})[0]

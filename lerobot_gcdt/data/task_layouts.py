@@ -5,6 +5,7 @@ repeats it. In a merged dataset vectors are padded and nameless; a table of its 
 ``observation.state``, which LeRobot's split, merge and edit keep.
 """
 
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 
 from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
@@ -62,3 +63,14 @@ def table_of(layouts: dict[str, TaskLayout]) -> dict:
 def padded_names(key: str, size: int) -> list[str]:
     """Returns the names of the numbers of a padded vector, such as ``state_0``."""
     return [f"{key.split('.')[-1]}_{i}" for i in range(size)]
+
+
+def sizes_of(task: str, task_dims: Mapping[str, Sequence[int]]) -> Sequence[int]:
+    """Looks up the sizes of observation, goal and action of a task sentence.
+
+    Raises:
+        KeyError: The task is unknown.
+    """
+    if task not in task_dims:
+        raise KeyError(f"Unknown task {task!r}; this policy knows {sorted(task_dims)}.")
+    return task_dims[task]

@@ -17,7 +17,7 @@ from torch import Tensor
 from lerobot_gcdt.data.columns import read_columns
 from lerobot_gcdt.data.draws import combine, uniform
 from lerobot_gcdt.data.opened_episodes import opened_episodes
-from lerobot_gcdt.data.task_layouts import task_layouts
+from lerobot_gcdt.data.task_layouts import sizes_of, task_layouts
 from lerobot_gcdt.keys import ACHIEVED_GOAL, ACTION, GOAL, REQUIRED_KEYS, STATE, TIME_TO_GOAL
 
 # What a random number is for; others are in policy/objectives.py.
@@ -313,17 +313,6 @@ class TrajectoryBank:
 
     def _pieces(self, first: Tensor, length: int, source: Tensor, key: Tensor) -> Pieces:
         return Pieces(first, torch.minimum(first + length - 1, self.last[first]), source, key)
-
-
-def sizes_of(task: str, task_dims: dict[str, list[int]]) -> list[int]:
-    """Looks up the sizes of observation, goal and action of a task sentence.
-
-    Raises:
-        KeyError: The task is unknown.
-    """
-    if task not in task_dims:
-        raise KeyError(f"Unknown task {task!r}; this policy knows {sorted(task_dims)}.")
-    return task_dims[task]
 
 
 def _pack(lengths: list[int], device: torch.device) -> tuple[Tensor, Tensor]:

@@ -1,27 +1,25 @@
 """The goal-conditioned decision transformer as a LeRobot policy (Fu et al., ICRA 2024, arXiv 2405.18757)."""
 
-import json
-from pathlib import Path
 from typing import Any, cast
 
 import torch
 from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
 from lerobot.policies.pretrained import PreTrainedPolicy
-from safetensors import safe_open
 from torch import Tensor, nn
 
+from lerobot_gcdt.data.acting_batch import tasks_of, with_goals
 from lerobot_gcdt.data.draws import combine, uniform
-from lerobot_gcdt.data.robot_state import with_goals
 from lerobot_gcdt.data.statistics import mean_of_each
 from lerobot_gcdt.data.task_layouts import task_layouts
-from lerobot_gcdt.data.trajectories import Sequences, TrajectoryBank, sizes_of
+from lerobot_gcdt.data.trajectories import Sequences, TrajectoryBank
 from lerobot_gcdt.keys import ACHIEVED_GOAL, ACTION, GOAL, STATE, TIME_TO_GOAL
 from lerobot_gcdt.policy.configuration_gcdt import GCDTConfig
 from lerobot_gcdt.policy.history import History
 from lerobot_gcdt.policy.objectives import OBJECTIVES, action_errors, mean_over_processes, time_to_goal_error
+from lerobot_gcdt.policy.saved_weights import misfit, prepare_for_weights
 from lerobot_gcdt.policy.tokens import ORDER, TaskModules, module_names
-from lerobot_gcdt.policy.transformer import Transformer
-from lerobot_gcdt.precision import training_precision
+from lerobot_gcdt.policy.transformer import Transformer, attention_mask
+from lerobot_gcdt.precision import autocast_dtype, training_precision
 
 TOKENS = len(ORDER)
 """Tokens a step."""
@@ -215,7 +213,9 @@ class GCDTPolicy(PreTrainedPolicy):
         with self._full_precision():
             tokens = self._joined(self._tokenize(sequences, keys, hidden))  # (R, S, tokens of a step, W)
         count = tokens.shape[2]
-        mask = self._attention_mask(sequences, count, context_length, causal)
+        mask = attention_mask(
+            sequences.segment, count, context_length, causal, autocast_dtype(sequences.segment.device.type)
+        )
         states = self.transformer(tokens.flatten(1, 2), mask).view(r, s, count, -1).float()
         return states.expand(r, s, len(keys), -1)  # one token answers for all kinds
 
@@ -246,7 +246,7 @@ class GCDTPolicy(PreTrainedPolicy):
             ValueError: Observations have other sizes than the task's, or the batch is not the one of the last step.
         """
         batch = with_goals(batch, self.config.task_dims)
-        tasks = self._check_observation(batch)
+        tasks = tasks_of(batch, self.config.task_dims)
         device = batch[STATE].device
         if self._history is None:
             slots = TOKENS * (self.config.context_length + 1)
@@ -287,40 +287,11 @@ class GCDTPolicy(PreTrainedPolicy):
 
     @classmethod
     def _load_as_safetensor(cls, model: "GCDTPolicy", model_file: str, map_location: str, strict: bool) -> "GCDTPolicy":
-        if "one_token" not in json.loads(Path(model_file).with_name("config.json").read_text()):
-            model._become_older()
-        with safe_open(model_file, "pt") as file:
-            saved = set(file.keys())
-        own = set(model.state_dict())
-        # What a checkpoint does not know keeps its new modules: tasks, and objectives that are not the paper's. Older
-        # checkpoints do not count steps.
-        known_tasks, known_modules = ({key.split(".")[i] for key in saved if key.startswith("tasks.")} for i in (1, 2))
-        further = {name for objective in model.config.objectives for name in OBJECTIVES[objective].heads([1, 1, 1], 1)}
-        new = {"training_step"} - saved
-        for key in own:
-            if key.startswith("tasks."):
-                _, task, module, *_ = key.split(".")
-                if task not in known_tasks or module in further - known_modules:
-                    new.add(key)
-        problem: list[str] | RuntimeError = sorted(saved ^ (own - new))
-        if not problem:
-            try:
-                return super()._load_as_safetensor(model, model_file, map_location, strict)
-            except RuntimeError as error:
-                problem = error
-        config = model.config
-        raise ValueError(
-            f"The weights in {model_file} do not fit their configuration (layers={config.layers}, "
-            f"width={config.width}, task_dims={config.task_dims}): {problem}"
-        )
-
-    def _become_older(self) -> None:
-        """Turns a policy that was just made into one from before a step could be one token."""
-        self.config.one_token, self.config.time_to_goal_dropout = False, 0.0
-        self.transformer.norm = nn.LayerNorm(self.config.width)
-        for modules in self.tasks.values():
-            for tokenizer in cast(TaskModules, modules).tokenizers.values():
-                tokenizer.norm = nn.LayerNorm(self.config.width)
+        prepare_for_weights(model, model_file)
+        try:
+            return super()._load_as_safetensor(model, model_file, map_location, strict)
+        except RuntimeError as error:
+            raise misfit(model, model_file, error) from None
 
     def _read_dataset(self, meta: LeRobotDatasetMetadata) -> list[str]:
         """Loads the trajectories and adds the dataset's tasks to the configuration; returns them by index."""
@@ -395,26 +366,9 @@ class GCDTPolicy(PreTrainedPolicy):
         # Steps beyond the table share its last entry.
         return embedding(timestep.clamp(max=self.config.max_timesteps - 1))
 
-    def _attention_mask(self, sequences: Sequences, kinds: int, context_length: int | None, causal: bool) -> Tensor:
-        """Additive mask (R, 1, L, L), L = kinds x S: a token sees its own piece, or its past within it."""
-        r, s = sequences.segment.shape
-        segment = sequences.segment.repeat_interleave(kinds, dim=1)
-        allowed = segment[:, :, None] == segment[:, None, :]
-        if causal:
-            allowed &= torch.ones(s * kinds, s * kinds, dtype=torch.bool, device=segment.device).tril()
-        if context_length is not None:
-            step = torch.arange(s, device=segment.device).repeat_interleave(kinds)
-            allowed &= step[:, None] - step[None, :] < context_length
-        mask = torch.zeros(r, 1, s * kinds, s * kinds, device=segment.device, dtype=self._compute_dtype())
-        return mask.masked_fill(~allowed[:, None], float("-inf"))
-
     def _full_precision(self) -> torch.autocast:
         # Corrections near a goal are small beside the observations; only the transformer may work in bfloat16.
         return torch.autocast(self.timestep_embedding.weight.device.type, enabled=False)
-
-    def _compute_dtype(self) -> torch.dtype:
-        device = self.timestep_embedding.weight.device.type
-        return torch.get_autocast_dtype(device) if torch.is_autocast_enabled(device) else torch.float32
 
     def _act(self, hidden: Tensor, rows: dict[str, tuple[Tensor, ...]]) -> Tensor:
         """Actions from hidden states (..., W), each by its task's head; zero-padded to the largest action."""
@@ -465,22 +419,3 @@ class GCDTPolicy(PreTrainedPolicy):
                     self.modules_of(task).tokenize(key, of_task) if known else self.hidden_tokens[ORDER.index(key)]
                 )
         return tokens
-
-    def _check_observation(self, batch: dict[str, Any]) -> list[str]:
-        """Returns the task of each row after checking that the policy can act on the batch."""
-        needed = (STATE, GOAL, ACHIEVED_GOAL, "task")
-        missing = [key for key in needed if key not in batch]
-        if missing:
-            raise KeyError(f"select_action needs {', '.join(needed)}; the batch lacks {', '.join(missing)}.")
-        tasks = [batch["task"]] if isinstance(batch["task"], str) else list(batch["task"])
-        for task in dict.fromkeys(tasks):
-            state, goal, _ = sizes_of(task, self.config.task_dims)
-            for key, size in ((STATE, state), (GOAL, goal), (ACHIEVED_GOAL, goal)):
-                # Several tasks in one batch share a tensor, padded to the largest of them.
-                width = batch[key].shape[-1] if len(set(tasks)) > 1 else size
-                if batch[key].shape != (len(tasks), max(width, size)):
-                    raise ValueError(
-                        f"{key} must have the shape ({len(tasks)}, {size}) for the task {task!r}, "
-                        f"got {tuple(batch[key].shape)}."
-                    )
-        return tasks

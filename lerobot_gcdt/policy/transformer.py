@@ -53,6 +53,33 @@ def attend(q: Tensor, k: Tensor, v: Tensor, mask: Tensor, dropout: float) -> Ten
     return F.dropout(scores.softmax(-1).to(v.dtype), dropout) @ v
 
 
+def attention_mask(
+    segment: Tensor, kinds: int, context_length: int | None, causal: bool, dtype: torch.dtype = torch.float32
+) -> Tensor:
+    """Makes the additive mask of pieces that are packed side by side into rows.
+
+    Args:
+        segment: Which piece a step belongs to, shape (R, S).
+        kinds: Tokens of a step.
+        context_length: Steps that a token may attend to, its own included; None for all of its piece.
+        causal: Whether a token sees the past and itself only, or all of its piece.
+        dtype: Of the attention scores.
+
+    Returns:
+        0 where a token may look and minus infinity elsewhere, shape (R, 1, L, L) with L = kinds x S.
+    """
+    r, s = segment.shape
+    segment = segment.repeat_interleave(kinds, dim=1)
+    allowed = segment[:, :, None] == segment[:, None, :]
+    if causal:
+        allowed &= torch.ones(s * kinds, s * kinds, dtype=torch.bool, device=segment.device).tril()
+    if context_length is not None:
+        step = torch.arange(s, device=segment.device).repeat_interleave(kinds)
+        allowed &= step[:, None] - step[None, :] < context_length
+    mask = torch.zeros(r, 1, s * kinds, s * kinds, device=segment.device, dtype=dtype)
+    return mask.masked_fill(~allowed[:, None], float("-inf"))
+
+
 class Attention(nn.Module):
     """Multi-head self-attention."""
 

@@ -3,7 +3,7 @@
 `lerobot-rollout` shows a policy only what ends in ``.pos`` or ``.vel``, and takes only such actions from it. So a
 robot observes ``psm1_x.pos`` and takes ``psm1_dx.vel``, where a dataset says ``psm1_x`` and ``psm1_dx``. It has one
 vector for all numbers, ``observation.state``; the goals stand behind the observation
-(``lerobot_gcdt.data.robot_state``).
+(``lerobot_gcdt.data.acting_batch``).
 """
 
 from collections.abc import Mapping

@@ -1,9 +1,9 @@
-"""A robot's vector holds the goals behind the observation."""
+"""A robot's vector holds the goals behind the observation, and what a policy cannot act on is refused."""
 
 import pytest
 import torch
 
-from lerobot_gcdt.data.robot_state import with_goals
+from lerobot_gcdt.data.acting_batch import with_goals
 
 TASKS = {"Reach.": [7, 3, 5], "Pick.": [19, 3, 5]}
 

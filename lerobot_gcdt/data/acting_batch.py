@@ -1,0 +1,61 @@
+"""What a policy is given to act on, also by a robot: LeRobot's commands put all of its numbers into one vector."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from lerobot_gcdt.data.task_layouts import sizes_of
+from lerobot_gcdt.keys import ACHIEVED_GOAL, GOAL, STATE
+
+
+def with_goals(batch: dict[str, Any], task_dims: Mapping[str, Sequence[int]]) -> dict[str, Any]:
+    """Takes the goals out of a robot's ``observation.state``, where they stand behind the observation.
+
+    Args:
+        batch: What ``select_action`` is given.
+        task_dims: For each task sentence the sizes of observation, goal and action.
+
+    Returns:
+        The batch with ``observation.state``, ``observation.goal`` and ``observation.achieved_goal``; as it is where it
+        has goals already, or a state of another size.
+    """
+    if GOAL in batch or STATE not in batch or "task" not in batch:
+        return batch
+    tasks = {batch["task"]} if isinstance(batch["task"], str) else set(batch["task"])
+    sizes = {tuple(task_dims[task][:2]) for task in tasks if task in task_dims}
+    if len(sizes) != 1:
+        return batch
+    [(size, goal)] = sizes
+    state = batch[STATE]
+    if state.shape[-1] != size + 2 * goal:
+        return batch
+    split = {STATE: state[..., :size], GOAL: state[..., size : size + goal], ACHIEVED_GOAL: state[..., size + goal :]}
+    return batch | split
+
+
+def tasks_of(batch: Mapping[str, Any], task_dims: Mapping[str, Sequence[int]]) -> list[str]:
+    """Returns the task sentence of each row after checking that a policy can act on the batch.
+
+    Args:
+        batch: As ``with_goals`` returns it.
+        task_dims: For each task sentence the sizes of observation, goal and action.
+
+    Raises:
+        KeyError: A task sentence is unknown, or an observation is missing.
+        ValueError: Observations have other sizes than the task's.
+    """
+    needed = (STATE, GOAL, ACHIEVED_GOAL, "task")
+    missing = [key for key in needed if key not in batch]
+    if missing:
+        raise KeyError(f"select_action needs {', '.join(needed)}; the batch lacks {', '.join(missing)}.")
+    tasks = [batch["task"]] if isinstance(batch["task"], str) else list(batch["task"])
+    for task in dict.fromkeys(tasks):
+        state, goal, _ = sizes_of(task, task_dims)
+        for key, size in ((STATE, state), (GOAL, goal), (ACHIEVED_GOAL, goal)):
+            # Several tasks in one batch share a tensor, padded to the largest of them.
+            width = batch[key].shape[-1] if len(set(tasks)) > 1 else size
+            if batch[key].shape != (len(tasks), max(width, size)):
+                raise ValueError(
+                    f"{key} must have the shape ({len(tasks)}, {size}) for the task {task!r}, "
+                    f"got {tuple(batch[key].shape)}."
+                )
+    return tasks
