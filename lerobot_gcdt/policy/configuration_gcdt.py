@@ -76,8 +76,8 @@ class GCDTConfig(SingleFrames):
 
     layers: int = 4
     heads: int = 4
-    width: int = 192
-    inner_width: int = 768
+    width: int = 128
+    inner_width: int = 512
     dropout: float = 0.0
     context_length: int = 1
     draw_context: bool = True

@@ -58,7 +58,7 @@ def test_a_policy_from_scratch_gets_the_arguments_of_the_quickstart(needle_pick_
     assert asked == [
         [
             *("--policy.type=gcdt", "--policy.push_to_hub=false", "--policy.device=cpu"),
-            *("--dataset.repo_id=local/needle_pick", "--batch_size=4", "--save_freq=500", "--log_freq=12"),
+            *("--dataset.repo_id=local/needle_pick", "--batch_size=2", "--save_freq=500", "--log_freq=12"),
             *("--num_workers=0", f"--dataset.root={needle_pick_root}", "--steps=1000", f"--output_dir={tmp_path}/new"),
         ]
     ]
