@@ -17,7 +17,7 @@ from lerobot_gcdt.precision import DTYPES
 class BCConfig(SingleFrames):
     """Configuration of ``BCPolicy``, for one task.
 
-    With `lerobot-train`'s default batch of 8 it needs some 15,000 steps until it stops improving.
+    `gcdt train` gives it 21,000 steps of four samples.
 
     Attributes:
         hidden_sizes: Sizes of the hidden layers.
@@ -33,7 +33,7 @@ class BCConfig(SingleFrames):
 
     hidden_sizes: tuple[int, ...] = (512, 512, 512)
     dropout: float = 0.0
-    frames_per_sample: int = 64
+    frames_per_sample: int = 32
     hindsight_ratio: float = 0.0
     relative_goal: bool = True
     dtype: str = "auto"
