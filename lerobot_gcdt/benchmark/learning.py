@@ -149,8 +149,8 @@ def benchmark(
 ) -> pd.DataFrame:
     """Trains methods on tasks with several seeds, and evaluates checkpoints along the way.
 
-    Cells that are finished are not repeated, and one that was interrupted goes on. After each, the episodes, the table
-    ``success.md`` and the figure ``success.png`` are brought up to date; they also hold what earlier calls gave.
+    Cells that are finished are not repeated, and one that was interrupted goes on. After each, the episodes, the tables
+    and figures are brought up to date (``lerobot_gcdt.benchmark.report``); they also hold what earlier calls gave.
 
     Args:
         datasets: Folder of the datasets, named as the published ones.

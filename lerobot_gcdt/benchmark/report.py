@@ -1,8 +1,9 @@
-"""The table and the figure of a benchmark of learning, from its episodes."""
+"""The tables and the figures of a benchmark of learning, from its episodes."""
 
 from math import ceil
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure  # without pyplot: the backend of a notebook or a script stays as it is
@@ -15,7 +16,7 @@ COLOURS = ("#24557a", "#c0392b", "#1a7f5a", "#b8860b", "#6c3483", "#566573", "#c
 
 
 def write_report(episodes: pd.DataFrame, output: Path) -> None:
-    """Writes ``success.md`` and ``success.png`` into a folder.
+    """Writes ``success.md``, ``success.tex``, ``success.png`` and ``bars.png`` into a folder.
 
     Args:
         episodes: Rows of ``lerobot_gcdt.benchmark.learning.benchmark``.
@@ -23,7 +24,9 @@ def write_report(episodes: pd.DataFrame, output: Path) -> None:
     """
     rates = success_rates(episodes)
     (output / "success.md").write_text(success_table(rates))
+    (output / "success.tex").write_text(success_latex(rates))
     plot_success(rates, output / "success.png")
+    plot_bars(rates, output / "bars.png")
 
 
 def success_rates(episodes: pd.DataFrame) -> pd.DataFrame:
@@ -51,6 +54,15 @@ def success_rates(episodes: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
+def at_the_end(rates: pd.DataFrame) -> pd.DataFrame:
+    """Takes the last point of each task and method, in their order.
+
+    Args:
+        rates: As ``success_rates`` returns them.
+    """
+    return rates.loc[rates.groupby(["task", "method"], sort=False).step.idxmax()]
+
+
 def success_table(rates: pd.DataFrame) -> str:
     """Returns the success at the end of the trainings as Markdown.
 
@@ -61,15 +73,54 @@ def success_table(rates: pd.DataFrame) -> str:
         "| task | method | trainings | starts | steps | seconds | reached | held |",
         "| --- | --- | --- | --- | --- | --- | --- | --- |",
     ]
-    for (task, method), points in rates.groupby(["task", "method"], sort=False):
-        end = points.loc[points.step.idxmax()]
-        counts = f"{end.trainings} | {end.starts} | {end.step} | {end.seconds:.0f}"
+    for end in at_the_end(rates).to_dict("records"):
+        counts = f"{end['trainings']} | {end['starts']} | {end['step']} | {end['seconds']:.0f}"
         success = " | ".join(
             f"{end[figure]:.2f} ({end[f'{figure}_low']:.2f}-{end[f'{figure}_high']:.2f})"
             for figure in ("reached", "held")
         )
-        lines.append(f"| {task} | {method} | {counts} | {success} |")
+        lines.append(f"| {end['task']} | {end['method']} | {counts} | {success} |")
     return "\n".join(lines) + "\n"
+
+
+def success_latex(rates: pd.DataFrame) -> str:
+    """Returns the success at the end of the trainings as a LaTeX table (package booktabs): ``reached`` / ``held``.
+
+    Args:
+        rates: As ``success_rates`` returns them.
+    """
+    ends = at_the_end(rates)
+    cells = ends.assign(cell=[f"{end.reached:.2f} / {end.held:.2f}" for end in ends.itertuples()])
+    table = cells.pivot(index="task", columns="method", values="cell")
+    table = table.loc[ends.task.unique(), ends.method.unique()].fillna("")
+    return table.rename_axis(index=None, columns="reached / held").to_latex(escape=True)
+
+
+def plot_bars(rates: pd.DataFrame, path: Path) -> None:
+    """Plots the success at the end of the trainings: bars for ``held`` with their intervals, dots for ``reached``.
+
+    Args:
+        rates: As ``success_rates`` returns them.
+        path: The PNG file to write.
+    """
+    ends = at_the_end(rates)
+    tasks, methods = list(ends.task.unique()), list(ends.method.unique())
+    width = 0.8 / len(methods)
+    figure = Figure(figsize=(2 + 0.5 * len(tasks) + 0.22 * len(tasks) * len(methods), 3.6), layout="constrained")
+    axes = figure.subplots()
+    for i, (method, of_method) in enumerate(ends.groupby("method", sort=False)):
+        places = [tasks.index(task) + (i - (len(methods) - 1) / 2) * width for task in of_method.task]
+        errors = np.array([of_method.held - of_method.held_low, of_method.held_high - of_method.held])
+        errors = errors.clip(min=0)  # rounding makes -1e-16 of the 0 above a rate of 1
+        colour = COLOURS[i % len(COLOURS)]
+        axes.bar(places, of_method.held, 0.9 * width, yerr=errors, color=colour, ecolor="0.25", capsize=2, label=method)
+        axes.plot(places, of_method.reached, "o", color="white", markeredgecolor="0.25", markersize=3)
+    axes.set(ylim=(0, 1.02), ylabel="success rate")
+    axes.set_xticks(range(len(tasks)), tasks, rotation=25, ha="right")
+    axes.grid(axis="y", alpha=0.3)
+    axes.set_axisbelow(True)
+    figure.legend(loc="outside upper center", ncols=len(methods), fontsize=9)
+    figure.savefig(path, dpi=130)
 
 
 def plot_success(rates: pd.DataFrame, path: Path) -> None:

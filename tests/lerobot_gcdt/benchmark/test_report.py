@@ -1,11 +1,11 @@
-"""The table and the figure say what the episodes say."""
+"""The tables and the figures say what the episodes say."""
 
 import itertools
 
 import pandas as pd
 import pytest
 
-from lerobot_gcdt.benchmark.report import plot_success, success_rates, success_table
+from lerobot_gcdt.benchmark.report import plot_bars, plot_success, success_latex, success_rates, success_table
 from lerobot_gcdt.evaluation.statistics import trainings_interval, wilson_interval
 
 SUCCESSES = {("bc", 0): (4, 10), ("bc", 1): (6, 16), ("gcdt", 0): (5, 15)}
@@ -55,6 +55,34 @@ def test_the_table_tells_the_end_of_the_trainings(rates):
     low, high = wilson_interval(14, 20)
     assert f"| NeedlePick | gcdt | 1 | 20 | 100 | 100 | 0.75 (0.53-0.89) | 0.70 ({low:.2f}-{high:.2f}) |" in lines
     assert len(lines) == 4
+
+
+def test_the_latex_table_has_a_row_for_each_task_and_a_column_for_each_method(rates):
+    rows = [
+        [cell.strip(" \\") for cell in line.split("&")] for line in success_latex(rates).splitlines() if "&" in line
+    ]
+    assert rows == [
+        ["reached / held", "bc", "gcdt"],
+        ["NeedlePick", "0.65 / 0.60", "0.75 / 0.70"],
+        ["PegTransfer", "0.65 / 0.60", "0.75 / 0.70"],
+    ]
+
+
+def test_the_bars_are_the_rates_at_the_end_of_the_trainings(rates, tmp_path, monkeypatch):
+    drawn = []
+    monkeypatch.setattr("matplotlib.figure.Figure.savefig", lambda figure, *_, **__: drawn.append(figure))
+    plot_bars(rates, tmp_path / "bars.png")
+    [axes] = drawn[0].axes
+    bars = {
+        container.get_label(): container for container in axes.containers if container.get_label() in ("bc", "gcdt")
+    }
+    assert [bar.get_height() for bar in bars["bc"]] == pytest.approx([12 / 20] * 2)
+    assert [bar.get_height() for bar in bars["gcdt"]] == pytest.approx([14 / 20] * 2)
+    assert [line.get_ydata().tolist() for line in axes.lines if line.get_marker() == "o"] == [
+        pytest.approx([13 / 20] * 2),
+        pytest.approx([15 / 20] * 2),
+    ]
+    assert [label.get_text() for label in axes.get_xticklabels()] == ["NeedlePick", "PegTransfer"]
 
 
 def test_the_figure_has_a_panel_for_each_task(rates, tmp_path, monkeypatch):
