@@ -1,4 +1,4 @@
-"""Writes the tables of success rates from the committed episodes in examples/paper_table/episodes.parquet.
+"""Writes the tables and figures of success rates from the committed episodes in examples/paper_table/episodes.parquet.
 
     python examples/results_table.py
     python examples/results_table.py --add outputs/benchmark --protocol published-100
@@ -15,7 +15,7 @@ from pathlib import Path
 import pandas as pd
 
 import surrol_gym
-from lerobot_gcdt.benchmark.report import success_rates
+from lerobot_gcdt.benchmark.report import plot_bars, success_latex, success_rates
 from lerobot_gcdt.evaluation.checkpoints import keep_episodes
 from lerobot_gcdt.hub.documents import write_section
 
@@ -37,11 +37,20 @@ KEY = ["protocol", "method", "task", "training_seed", "seed"]
 COLUMNS = [*KEY[:-1], "seconds", "seed", "reached", "held", "steps"]
 
 
+def protocols() -> Iterator[tuple[str, pd.DataFrame]]:
+    """Yields the protocols that there are episodes of, and their success rates in the order of tasks and methods."""
+    episodes = pd.read_parquet(EPISODES).assign(step=1)
+    for column, order in (("task", list(surrol_gym.TASKS)), ("method", list(METHODS))):
+        episodes[column] = pd.Categorical(episodes[column], order)
+    episodes = episodes.sort_values(["task", "method"], kind="stable").astype({"task": str, "method": str})
+    for protocol, rows in episodes.groupby("protocol"):
+        yield protocol, success_rates(rows)
+
+
 def tables() -> Iterator[tuple[Path, str, str]]:
     """Yields the documents, the names of their sections, and what these should hold."""
-    episodes = pd.read_parquet(EPISODES).assign(step=1)
-    for protocol, rows in episodes.groupby("protocol"):
-        rates = success_rates(rows).set_index(["task", "method"])
+    for protocol, rates in protocols():
+        rates = rates.set_index(["task", "method"])
         methods = [method for method in METHODS if method in rates.index.levels[1]]
         if protocol == "published-large":
             whole = [method for method in methods if len(rates.xs(method, level="method")) == len(PAPER)]
@@ -96,6 +105,10 @@ def main() -> None:
         add(options.add, options.protocol)
     for document, section, text in tables():
         write_section(document, section, text)
+    for protocol, rates in protocols():
+        named = rates.assign(method=rates.method.map(METHODS))
+        plot_bars(named, EPISODES.with_name(f"{protocol}.png"))
+        EPISODES.with_name(f"{protocol}.tex").write_text(success_latex(named))
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 
 import surrol_gym
+from lerobot_gcdt.benchmark.report import success_latex
 from lerobot_gcdt.hub.documents import read_section
 
 ROOT = Path(__file__).parents[2]
@@ -21,6 +22,13 @@ def episodes():
 def test_the_documents_hold_the_tables_that_the_script_writes():
     for document, section, text in TABLE["tables"]():
         assert read_section(document, section) == text
+
+
+def test_there_are_a_latex_table_and_a_figure_of_each_protocol():
+    for protocol, rates in TABLE["protocols"]():
+        table, figure = (TABLE["EPISODES"].with_name(f"{protocol}.{kind}") for kind in ("tex", "png"))
+        assert table.read_text() == success_latex(rates.assign(method=rates.method.map(TABLE["METHODS"])))
+        assert figure.read_bytes().startswith(b"\x89PNG")
 
 
 def test_every_rate_is_over_the_same_two_hundred_starts(episodes):
