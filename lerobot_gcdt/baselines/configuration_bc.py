@@ -17,7 +17,7 @@ from lerobot_gcdt.precision import DTYPES
 class BCConfig(SingleFrames):
     """Configuration of ``BCPolicy``, for one task.
 
-    `gcdt train` gives it 21,000 steps of four samples.
+    `gcdt train` gives it 24,000 steps of four samples.
 
     Attributes:
         hidden_sizes: Sizes of the hidden layers.

@@ -43,7 +43,7 @@ RECIPES = {
     # The full learning rate would undo what is learned.
     ("gcdt", "finetune"): Recipe(2_000, 4, ("--policy.training_stage=finetune", "--policy.optimizer_lr=5e-4")),
     ("gcdt", "scratch"): Recipe(12_000, 2),
-    ("bc", "scratch"): Recipe(21_000, 4),
+    ("bc", "scratch"): Recipe(24_000, 4),
     ("dt", "scratch"): Recipe(5_000, 8),
     ("vinn", "scratch"): Recipe(1, 8),
     # Small enough for a few dozen numbers, and observed anew every second or two: LeRobot's settings are for pictures.

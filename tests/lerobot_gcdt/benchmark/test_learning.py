@@ -155,7 +155,7 @@ def test_a_name_never_comes_to_stand_for_another_method(datasets, tmp_path, aske
 
 
 def test_a_method_is_a_type_or_a_name_and_what_it_stands_for():
-    assert parse_method("bc", 4) == ("bc", "bc", 21_000, 4, (), None, None)
+    assert parse_method("bc", 4) == ("bc", "bc", 24_000, 4, (), None, None)
     long = parse_method("long=gcdt --policy.context_length=100 --steps=8", 2, 9, ["--batch_size=2"])
     assert long == ("long", "gcdt", 8, 2, ("--batch_size=2", "--policy.context_length=100"), None, None)
     assert list(long.checkpoints) == [4, 8]

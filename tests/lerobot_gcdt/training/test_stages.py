@@ -68,7 +68,7 @@ def test_a_policy_from_scratch_gets_the_arguments_of_the_quickstart(needle_pick_
 @pytest.mark.parametrize(
     ("policy", "options", "told"),
     [
-        ("bc", {}, {"--policy.type=bc", "--steps=21000", "--batch_size=4"}),
+        ("bc", {}, {"--policy.type=bc", "--steps=24000", "--batch_size=4"}),
         ("vinn", {}, {"--policy.type=vinn", "--steps=1"}),
         ("act", {"steps": 9, "options": ["--policy.chunk_size=5"]}, {"--policy.type=act", "--policy.chunk_size=5"}),
     ],
