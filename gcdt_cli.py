@@ -7,6 +7,8 @@ PyTorch and LeRobot, which takes many seconds. Whoever asks for help or mistypes
 import argparse
 import os
 import sys
+from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +23,13 @@ TRAIN_EXAMPLE = "example: gcdt train --dataset datasets/surrol_needle_pick --out
 EVALUATE_EXAMPLE = "example: gcdt evaluate outputs/needle_pick --first_seed 100000 --starts 100"
 BENCHMARK_EXAMPLE = "example: gcdt benchmark --datasets datasets --tasks PickAndPlace,MatchBoard --methods gcdt bc"
 PUBLISH_EXAMPLE = "example: gcdt publish datasets/surrol_needle_pick --repo_id user/surrol_needle_pick --dry_run"
+
+EXECUTORS = {
+    "local": {"workers"},
+    "slurm": {"workers", "partition", "time", "cpus_per_task", "gpus_per_task", "dry_run"},
+    "ray": {"workers", "cpus_per_task", "gpus_per_task"},
+}
+"""Options that go with each executor."""
 
 EXPORT_EXAMPLE = "example: gcdt export-dvrk --policy expert --task PegTransfer --seed 3 --out outputs/peg_transfer_dvrk"
 
@@ -97,13 +106,18 @@ def _add_record(commands: Any) -> None:
     )
     record.add_argument("--cameras", type=_names, default=[], help="cameras that film, such as overview,closeup")
     record.add_argument("--camera_size", type=int, default=128, help="width and height of the films (default 128)")
-    record.add_argument("--workers", type=int, help="with --all: datasets recorded at a time (default: one a core)")
+    record.add_argument(
+        "--workers",
+        type=int,
+        help="with --all: datasets recorded at a time (default: one a core; with Slurm and Ray all that have room)",
+    )
     record.add_argument(
         "--manifest",
         type=Path,
         help="with --all: what the episodes are compared with (default: that of the published ones)",
     )
     record.add_argument("--write_manifest", action="store_true", help="with --all: write the manifest instead")
+    _add_executor(record, "with --all, on other machines: a unit a task")
     _add_sensors(record, "imperfect sensors, with --task: the expert acts by the truth")
     record.set_defaults(run=_record)
 
@@ -229,6 +243,12 @@ def _add_benchmark(commands: Any) -> None:
     benchmark.add_argument(
         "options", nargs="*", metavar="-- OPTION", help="more arguments of lerobot-train, of all methods, after --"
     )
+    benchmark.add_argument(
+        "--workers",
+        type=int,
+        help="with --executor: trainings at a time (default: 1; with Slurm and Ray all that have room)",
+    )
+    _add_executor(benchmark, "on other machines: a unit a training")
     _add_sensors(benchmark, "imperfect sensors, through which all policies see")
     benchmark.set_defaults(run=_benchmark)
 
@@ -282,6 +302,45 @@ def _add_sensors(command: argparse.ArgumentParser, title: str) -> None:
     sensors.add_argument("--delay", type=int, default=0, help="steps by which what is shown lags (default 0)")
 
 
+def _add_executor(command: argparse.ArgumentParser, title: str) -> None:
+    executor = command.add_argument_group(f"{title} (needs lerobot_policy_gcdt[executors])")
+    executor.add_argument("--executor", choices=EXECUTORS, help="who runs the units: datatrove's executor of that name")
+    executor.add_argument("--partition", help="with Slurm: the partition")
+    executor.add_argument("--time", metavar="HH:MM:SS", help="with Slurm: the longest time of a unit")
+    executor.add_argument("--cpus_per_task", type=int, help="with Slurm and Ray: cores a unit, of 2 GB (default 1)")
+    executor.add_argument("--gpus_per_task", type=int, help="with Slurm and Ray: GPUs a unit (default 0)")
+    executor.add_argument("--dry_run", action="store_true", help="with Slurm: only show what would be submitted")
+
+
+def _executor(options: argparse.Namespace, workers: int) -> dict[str, Any]:
+    """What the options of ``_add_executor`` say, as arguments of ``run_units``; nothing without an executor.
+
+    Args:
+        options: The options.
+        workers: Units at a time on this machine, where that is not said.
+    """
+    named = ("partition", "time", "cpus_per_task", "gpus_per_task", "dry_run")
+    given = {name: value for name in named if (value := getattr(options, name))}
+    for name in given:
+        if name not in EXECUTORS.get(options.executor, ()):
+            takers = " or ".join(executor for executor, takes in EXECUTORS.items() if name in takes)
+            raise ValueError(f"--{name} goes with --executor {takers}.")
+    if not options.executor:
+        return {}
+    if options.workers is not None and options.workers < 1:
+        raise ValueError(f"--executor needs at least one worker, got {options.workers}.")
+    if options.executor == "slurm" and not {"partition", "time"} <= given.keys():
+        raise ValueError("--executor slurm needs a --partition and a --time, such as 02:00:00.")
+    for package in ("datatrove", "ray") if options.executor == "ray" else ("datatrove",):
+        if not find_spec(package):
+            raise RuntimeError(
+                f"--executor {options.executor} needs {package}, which is not installed: "
+                "`pip install 'lerobot_policy_gcdt[executors]'`."
+            )
+    elsewhere = options.executor != "local"
+    return {"executor": options.executor, "workers": options.workers or (-1 if elsewhere else workers), **given}
+
+
 def _sensors(options: argparse.Namespace) -> dict[str, float]:
     """What the options of ``_add_sensors`` say, without those that leave sensors perfect."""
     from surrol_gym.wrappers import PERFECT
@@ -327,15 +386,18 @@ def _record(options: argparse.Namespace) -> None:
     sensors = _sensors(options)
     if sensors and (options.all or options.teleop):
         raise ValueError(f"Imperfect sensors ({', '.join(sensors)}) are for --task, with an expert or a policy.")
+    executor = _executor(options, os.cpu_count() or 1)
+    if executor and not options.all:
+        raise ValueError(f"--executor {options.executor} runs the recordings of several tasks, with --all.")
     if options.teleop:
         from surrol_gym.display import check_display
 
         check_display()
 
     from lerobot_gcdt.recording import record
-    from lerobot_gcdt.recording.collection import PUBLISHED_DISTURB, record_all
+    from lerobot_gcdt.recording.collection import PUBLISHED_DISTURB, recording_units
     from lerobot_gcdt.recording.features import Extras
-    from lerobot_gcdt.recording.manifest import MANIFEST, write_manifest
+    from lerobot_gcdt.recording.manifest import MANIFEST
 
     extras = Extras(options.fields, options.cameras, options.camera_size)
     if not options.all:
@@ -348,9 +410,32 @@ def _record(options: argparse.Namespace) -> None:
         record(options.task, options.episodes, options.seed, options.root, options.disturb or 0.0, extras, **who)
         return
     disturb = PUBLISHED_DISTURB if options.disturb is None else options.disturb
-    roots = record_all(options.root, options.episodes, options.seed, disturb, extras, options.workers)
-    manifest = options.manifest or MANIFEST
-    if options.write_manifest:
+    asked = (options.root, options.episodes, options.seed, disturb, extras)
+    last = partial(_record_all, *asked, options.workers, options.manifest or MANIFEST, options.write_manifest)
+    if executor:
+        from lerobot_gcdt.executors import run_units
+
+        run_units(recording_units(*asked), last, options.root, **executor)
+    else:
+        last()
+
+
+def _record_all(
+    root: str,
+    episodes: int,
+    seed: int,
+    disturb: float,
+    extras: Any,
+    workers: int | None,
+    manifest: Path,
+    write: bool,
+) -> None:
+    """Records what is not there yet, merges all, and compares it with the manifest."""
+    from lerobot_gcdt.recording.collection import record_all
+    from lerobot_gcdt.recording.manifest import write_manifest
+
+    roots = record_all(root, episodes, seed, disturb, extras, workers)
+    if write:
         write_manifest(roots, manifest)
     else:
         _compare(roots, manifest)
@@ -452,17 +537,33 @@ def _evaluate(options: argparse.Namespace) -> None:
 
 def _benchmark(options: argparse.Namespace) -> None:
     _check_tasks(options.tasks)
+    executor = _executor(options, 1)
+    if options.workers and not executor:
+        raise ValueError("--workers of a benchmark go with --executor.")
     _check_folder(options.datasets, f"`gcdt record --all --root {options.datasets}` records the datasets")
-
-    from lerobot_gcdt.benchmark.learning import benchmark
-    from lerobot_gcdt.benchmark.report import success_rates, success_table
 
     starts = range(options.first_seed, options.first_seed + options.starts)
     asked = {name: getattr(options, name) for name in ("datasets", "output", "tasks", "seeds", "steps", "points")}
+    asked |= {"methods": _methods(options.methods), "starts": starts}
     asked |= {"options": options.options, "sensors": _sensors(options)}
-    episodes = benchmark(methods=_methods(options.methods), starts=starts, **asked)
-    print(success_table(success_rates(episodes)))
-    print(f"The episodes, this table and a figure lie in {options.output}.")
+    last = partial(_report, asked)
+    if executor:
+        from lerobot_gcdt.benchmark.learning import training_units
+        from lerobot_gcdt.executors import run_units
+
+        units = training_units(write=not options.dry_run, **asked)
+        run_units(units, last, options.output, **executor)
+    else:
+        last()
+
+
+def _report(asked: dict[str, Any]) -> None:
+    """Runs what is not finished yet of a benchmark, and says how it ended."""
+    from lerobot_gcdt.benchmark.learning import benchmark
+    from lerobot_gcdt.benchmark.report import success_rates, success_table
+
+    print(success_table(success_rates(benchmark(**asked))))
+    print(f"The episodes, this table and a figure lie in {asked['output']}.")
 
 
 def _publish(options: argparse.Namespace) -> None:

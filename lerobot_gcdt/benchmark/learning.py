@@ -8,6 +8,7 @@ import json
 import shlex
 import sys
 from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -177,7 +178,70 @@ def benchmark(
             of the names.
         FileNotFoundError: There is no dataset of a task, or no checkpoint to start from.
     """
-    datasets, output = Path(datasets), Path(output)
+    output = Path(output)
+    plan = _plan(datasets, output, tasks, methods, seeds, steps, points, starts, options, sensors)
+    _claim_folders(output, plan.methods)
+    done = len(plan.cells) - len(plan.unfinished)
+    with tqdm(total=len(plan.cells), initial=done, desc="Benchmark", unit="training") as bar:
+        for cell, root in plan.unfinished.items():
+            keep_episodes(output / EPISODES_FILE, _run(cell, root, output, starts, plan.sensors), EPISODE)
+            write_report(pd.read_parquet(output / EPISODES_FILE), output)
+            bar.update()
+    return _kept(output, plan.cells, starts)
+
+
+def training_units(output: str | Path, write: bool = True, **request: Any) -> list[partial[None]]:
+    """Returns the trainings that ``benchmark`` lacks, with their evaluation, for ``lerobot_gcdt.executors.run_units``.
+
+    Each keeps its episodes beside its own checkpoints alone; ``benchmark`` with the same arguments then collects them.
+
+    Args:
+        output: Folder of the trainings and of the results.
+        write: Whether to note there what the names of the methods stand for, as ``benchmark`` does.
+        request: All other arguments of ``benchmark``, whose errors are raised, too.
+    """
+    output = Path(output)
+    plan = _plan(output=output, **request)
+    if write:
+        _claim_folders(output, plan.methods)
+    trainings: dict[Path, list[Cell]] = {}
+    for cell in plan.unfinished:
+        trainings.setdefault(cell.folder, []).append(cell)
+    return [
+        partial(_run_together, cells, plan.unfinished[cells[0]], output, request["starts"], plan.sensors)
+        for cells in trainings.values()
+    ]
+
+
+class Plan(NamedTuple):
+    """What a benchmark is about.
+
+    Attributes:
+        methods: The methods.
+        cells: All cells.
+        unfinished: The datasets of those cells that lack episodes.
+        sensors: All arguments of the sensors.
+    """
+
+    methods: list[Method]
+    cells: list[Cell]
+    unfinished: dict[Cell, Path]
+    sensors: dict[str, float]
+
+
+def _plan(
+    datasets: str | Path,
+    output: Path,
+    tasks: Sequence[str],
+    methods: Sequence[str],
+    seeds: Sequence[int],
+    steps: int | None,
+    points: int,
+    starts: Sequence[int],
+    options: Sequence[str],
+    sensors: Mapping[str, Any] | None,
+) -> Plan:
+    """Checks the arguments of ``benchmark``; writes nothing."""
     names = [task_name(find_task(task)) for task in tasks]
     check_starts(names, starts)
     chosen = [parse_method(text, points, steps, options) for text in methods]
@@ -186,20 +250,16 @@ def benchmark(
     _check_once("seed", seeds)
     # With the seed outermost, all methods and tasks can be compared as soon as the first seed is through.
     cells = [Cell(method, task, seed) for seed in seeds for task in names for method in chosen]
-    roots = {cell: _dataset(datasets, cell) for cell in cells}
+    roots = {cell: _dataset(Path(datasets), cell) for cell in cells}
     described = complete_sensors(sensors)
     if keeps_other_sensors(output / EPISODES_FILE, described):
         raise ValueError(f"{output} keeps episodes of other sensors than {described}; choose another --output.")
-    _claim_folders(output, chosen)
+    _check_folders(output, chosen)
     numbers = _kept(output, cells, starts).groupby(CELL).size()
-    finished = {cell for cell in cells if numbers.get(cell.key) == cell.method.points * len(starts)}
-    with tqdm(total=len(cells), initial=len(finished), desc="Benchmark", unit="training") as bar:
-        for cell in cells:
-            if cell not in finished:
-                keep_episodes(output / EPISODES_FILE, _run(cell, roots[cell], output, starts, described), EPISODE)
-                write_report(pd.read_parquet(output / EPISODES_FILE), output)
-                bar.update()
-    return _kept(output, cells, starts)
+    unfinished = {
+        cell: root for cell, root in roots.items() if numbers.get(cell.key) != cell.method.points * len(starts)
+    }
+    return Plan(chosen, cells, unfinished, described)
 
 
 def _dataset(datasets: Path, cell: Cell) -> Path:
@@ -217,10 +277,10 @@ def _check_once(what: str, values: Sequence[str | int]) -> None:
         raise ValueError(f"A benchmark needs at least one {what}, each once and no negative one; got {[*values]}.")
 
 
-def _claim_folders(output: Path, methods: Sequence[Method]) -> None:
-    """Notes what each method stands for, so that its name never comes to stand for another."""
-    files = {output / method.name / SETTINGS_FILE: method._asdict() for method in methods}
-    for file, settings in files.items():
+def _check_folders(output: Path, methods: Sequence[Method]) -> None:
+    """Raises ValueError if the name of a method stands for another one, or its folder holds something else."""
+    for method in methods:
+        file, settings = output / method.name / SETTINGS_FILE, method._asdict()
         held = json.loads(file.read_text()) if file.exists() else None
         if held is None and file.parent.exists() and any(file.parent.iterdir()):
             raise ValueError(f"{file.parent} exists and is no method of a benchmark; choose another --output.")
@@ -228,9 +288,14 @@ def _claim_folders(output: Path, methods: Sequence[Method]) -> None:
             raise ValueError(
                 f"{file.parent} holds the method {held}, not {settings}; choose another name or another --output."
             )
-    for file, settings in files.items():
+
+
+def _claim_folders(output: Path, methods: Sequence[Method]) -> None:
+    """Notes what each method stands for, so that its name never comes to stand for another."""
+    for method in methods:
+        file = output / method.name / SETTINGS_FILE
         file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_text(json.dumps(settings, indent=2) + "\n")
+        file.write_text(json.dumps(method._asdict(), indent=2) + "\n")
 
 
 def _kept(output: Path, cells: Sequence[Cell], starts: Sequence[int]) -> pd.DataFrame:
@@ -242,6 +307,14 @@ def _kept(output: Path, cells: Sequence[Cell], starts: Sequence[int]) -> pd.Data
     )
     kept = pd.read_parquet(output / EPISODES_FILE)
     return asked.merge(kept[kept.seed.isin(starts)])
+
+
+def _run_together(
+    cells: Sequence[Cell], dataset: Path, output: Path, starts: Sequence[int], sensors: dict[str, float]
+) -> None:
+    """Runs cells that share a training."""
+    for cell in cells:
+        _run(cell, dataset, output, starts, sensors)
 
 
 def _run(cell: Cell, dataset: Path, output: Path, starts: Sequence[int], sensors: dict[str, float]) -> pd.DataFrame:

@@ -12,7 +12,7 @@ from pathlib import Path
 from tqdm import tqdm
 
 import surrol_gym
-from lerobot_gcdt.recording.demonstrations import RECORDING_FILE, dataset_name, record, summary
+from lerobot_gcdt.recording.demonstrations import RECORDING_FILE, check_recording, dataset_name, record, summary
 from lerobot_gcdt.recording.features import NO_EXTRAS, Extras
 from lerobot_gcdt.recording.merging import merge
 
@@ -55,20 +55,42 @@ def record_all(
     workers = os.cpu_count() or 1 if workers is None else workers
     if workers < 1:
         raise ValueError(f"Recording needs at least one worker, got {workers}.")
-    for task in surrol_gym.TASKS:
-        extras.check(f"surrol/{task}-v0")
-    roots = {task: Path(root) / dataset_name(task) for task in surrol_gym.TASKS}
-    jobs = [(task, episodes, seed, folder, disturb, extras) for task, folder in roots.items()]
+    jobs = _jobs(root, episodes, seed, disturb, extras)
+    roots = [job[3] for job in jobs]
     with tqdm(total=len(jobs) * episodes, desc="Recording", unit="episode") as bar:
         for job in jobs:
             if job[3].exists():
                 record(*job, on_episode=bar.update)
         # The last tasks have the longest episodes.
         _run([job for job in reversed(jobs) if not job[3].exists()], workers, bar)
-    for folder in roots.values():
+    for folder in roots:
         print(summary(folder))
-    _merge_all(list(roots.values()), Path(root) / CROSS_TASK)
-    return list(roots.values())
+    _merge_all(roots, Path(root) / CROSS_TASK)
+    return roots
+
+
+def recording_units(
+    root: str | Path,
+    episodes: int = 100,
+    seed: int = 0,
+    disturb: float = PUBLISHED_DISTURB,
+    extras: Extras = NO_EXTRAS,
+) -> list[partial[Path]]:
+    """Returns what ``record_all`` does before it merges, a unit a task, for ``lerobot_gcdt.executors.run_units``.
+
+    Arguments and errors are those of ``record_all``; nothing is written.
+    """
+    jobs = _jobs(root, episodes, seed, disturb, extras)
+    for job in jobs:
+        check_recording(*job)
+    return [partial(record, *job) for job in reversed(jobs)]  # the last tasks have the longest episodes
+
+
+def _jobs(root: str | Path, episodes: int, seed: int, disturb: float, extras: Extras) -> list[Job]:
+    """The recordings of all tasks."""
+    for task in surrol_gym.TASKS:
+        extras.check(f"surrol/{task}-v0")
+    return [(task, episodes, seed, Path(root) / dataset_name(task), disturb, extras) for task in surrol_gym.TASKS]
 
 
 def _run(jobs: list[Job], workers: int, bar: tqdm) -> None:

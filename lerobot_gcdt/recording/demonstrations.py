@@ -123,23 +123,10 @@ def record(
             what is finished is kept.
         RuntimeError: The expert fails again and again, or the person stops; what is finished is kept.
     """
-    env_id = surrol_gym.find_task(task)
-    if episodes < 1 or seed < 0:
-        raise ValueError(f"A recording needs at least one episode and a seed from 0, got {episodes} and {seed}.")
-    if not 0 <= disturb <= 1:
-        raise ValueError(f"The size of disturbances must lie in [0, 1], got {disturb}.")
     root = Path(root)
-    wanted = Recording(env_id, episodes, seed, float(disturb), extras, version("lerobot_policy_gcdt"))
-    if learner:
-        wanted = replace(wanted, policy=learner.name, mix=float(learner.mix))
-    if person:
-        wanted = replace(wanted, human=person.name)
-    if sensors:
-        wanted = replace(wanted, sensors=complete_sensors(sensors))
-    extras.check(wanted.env_id)
-    parts = root.with_name(root.name + ".recording")
+    wanted = check_recording(task, episodes, seed, root, disturb, extras, learner, person, sensors)
+    parts = _parts_of(root)
     if root.exists():
-        _check_same(wanted, root / RECORDING_FILE, root)
         if parts.exists() and _are_ours(parts):
             with alone_in(parts):
                 _remove_parts(parts)  # what an earlier call, interrupted at its very end, left
@@ -149,8 +136,6 @@ def record(
         else:
             print(f"{root} is complete already.")
     else:
-        if parts.exists() and not _are_ours(parts):
-            raise ValueError(f"{parts} exists and was not written by `gcdt record`; choose another --root.")
         with alone_in(parts):
             if root.exists():  # another process has finished it just now
                 _check_same(wanted, root / RECORDING_FILE, root)
@@ -160,6 +145,52 @@ def record(
     if not on_episode:
         print(summary(root))
     return root
+
+
+def check_recording(
+    task: str,
+    episodes: int,
+    seed: int,
+    root: str | Path,
+    disturb: float = 0.0,
+    extras: Extras = NO_EXTRAS,
+    learner: Learner | None = None,
+    person: Person | None = None,
+    sensors: Mapping[str, Any] | None = None,
+) -> Recording:
+    """Checks what is asked of ``record``, and writes nothing.
+
+    Returns:
+        The recording that it would make.
+
+    Raises:
+        ValueError: As ``record`` does.
+    """
+    env_id = surrol_gym.find_task(task)
+    if episodes < 1 or seed < 0:
+        raise ValueError(f"A recording needs at least one episode and a seed from 0, got {episodes} and {seed}.")
+    if not 0 <= disturb <= 1:
+        raise ValueError(f"The size of disturbances must lie in [0, 1], got {disturb}.")
+    wanted = Recording(env_id, episodes, seed, float(disturb), extras, version("lerobot_policy_gcdt"))
+    if learner:
+        wanted = replace(wanted, policy=learner.name, mix=float(learner.mix))
+    if person:
+        wanted = replace(wanted, human=person.name)
+    if sensors:
+        wanted = replace(wanted, sensors=complete_sensors(sensors))
+    extras.check(wanted.env_id)
+    root = Path(root)
+    parts = _parts_of(root)
+    if root.exists():
+        _check_same(wanted, root / RECORDING_FILE, root)
+    elif parts.exists() and not _are_ours(parts):
+        raise ValueError(f"{parts} exists and was not written by `gcdt record`; choose another --root.")
+    return wanted
+
+
+def _parts_of(root: Path) -> Path:
+    """The folder of the finished episodes of an unfinished dataset."""
+    return root.with_name(root.name + ".recording")
 
 
 def summary(root: str | Path) -> str:

@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -332,3 +333,52 @@ def test_a_policy_that_cannot_act_is_told_before_anything_is_recorded(arguments,
     with pytest.raises(SystemExit, match=told):
         cli.main(["record", *arguments, "--root", str(tmp_path / "x")])
     assert not list(tmp_path.iterdir())
+
+
+SLURM = ["--executor", "slurm", "--partition", "cpu", "--time", "01:00:00"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["record", "--all", "--partition", "cpu"], "--partition goes with --executor slurm"),
+        (["record", "--all", "--executor", "local", "--cpus_per_task", "2"], "--executor slurm or ray"),
+        (["record", "--all", "--executor", "ray", "--dry_run"], "--dry_run goes with --executor slurm"),
+        (["record", "--all", "--executor", "slurm", "--partition", "cpu"], "needs a --partition and a --time"),
+        (["record", "--all", *SLURM, "--workers", "0"], "at least one worker, got 0"),
+        (["record", "--task", "NeedleReach", *SLURM], "--executor slurm runs .* several tasks, with --all"),
+        (["benchmark", "--tasks", "NeedleReach", "--workers", "2"], "--workers .* go with --executor"),
+    ],
+    ids=[
+        *("partition alone", "cores of this machine", "dry run of ray", "slurm without a time", "no workers"),
+        *("a single task", "workers alone"),
+    ],
+)
+def test_options_of_executors_that_do_not_go_together_are_told(arguments, told, tmp_path, monkeypatch):
+    monkeypatch.setattr(cli, "find_spec", lambda name: name)
+    folder = "--root" if arguments[0] == "record" else "--output"
+    with pytest.raises(SystemExit, match=told):
+        cli.main([*arguments, folder, str(tmp_path / "x")])
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(("executor", "missing"), [("local", "datatrove"), ("ray", "ray")])
+def test_what_an_executor_lacks_is_told_with_the_extra_that_brings_it(executor, missing, tmp_path, monkeypatch):
+    monkeypatch.setattr(cli, "find_spec", lambda name: None if name == missing else name)
+    with pytest.raises(SystemExit, match=rf"{executor} needs {missing}, .*lerobot_policy_gcdt\[executors\]"):
+        cli.main(["record", "--all", "--root", str(tmp_path / "x"), "--executor", executor])
+
+
+def test_a_benchmark_under_an_executor_hands_out_its_trainings_and_then_reports(tmp_path, monkeypatch):
+    given = []
+    monkeypatch.setattr("lerobot_gcdt.benchmark.learning.training_units", lambda **asked: [asked])
+    executors = SimpleNamespace(run_units=lambda *arguments, **settings: given.append((arguments, settings)))
+    monkeypatch.setitem(sys.modules, "lerobot_gcdt.executors", executors)
+    monkeypatch.setattr(cli, "find_spec", lambda name: name)
+    command = ["benchmark", "--datasets", str(tmp_path), "--tasks", "NeedleReach", "--output", "out"]
+    cli.main([*command, *SLURM, "--gpus_per_task", "1", "--dry_run"])
+    [((units, last, root), settings)] = given
+    assert root == Path("out") and units[0].pop("write") is False
+    assert last.args == (units[0],)
+    slurm = {"executor": "slurm", "workers": -1, "partition": "cpu", "time": "01:00:00"}
+    assert settings == slurm | {"gpus_per_task": 1, "dry_run": True}

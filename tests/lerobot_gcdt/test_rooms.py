@@ -18,6 +18,7 @@ MAY_IMPORT = {
     "keys": set(),
     "errors": set(),
     "precision": set(),
+    "executors": set(),
     "data": {"keys"},
     "policy": {"data", "keys", "errors", "precision"},
     "baselines": {"data", "keys", "errors", "precision"},
@@ -32,7 +33,10 @@ MAY_IMPORT = {
     },
     "hub": {"recording", "evaluation", "training", "environment", "surrol_gym", "keys", "errors"},
     "lerobot_gcdt": {"policy", "baselines", "environment", "robot"},
-    "gcdt_cli": {"lerobot_gcdt", "recording", "evaluation", "training", "hub", "benchmark", "robot", "surrol_gym"},
+    "gcdt_cli": {
+        *("lerobot_gcdt", "recording", "evaluation", "training", "hub", "benchmark", "robot", "executors"),
+        "surrol_gym",
+    },
     "lerobot_policy_gcdt": {"lerobot_gcdt"},
 }
 """What each room may import beside itself. ``lerobot_gcdt`` stands for the package's own ``__init__.py``."""

@@ -7,7 +7,7 @@ import pytest
 
 from lerobot_gcdt import GENERALIST
 from lerobot_gcdt.benchmark import learning
-from lerobot_gcdt.benchmark.learning import benchmark, parse_method
+from lerobot_gcdt.benchmark.learning import benchmark, parse_method, training_units
 
 STARTS = range(20_000, 20_002)
 SMALL = (
@@ -149,6 +149,47 @@ def test_a_name_never_comes_to_stand_for_another_method(datasets, tmp_path, aske
         with pytest.raises(ValueError, match="mine holds the method .*; choose another name"):
             benchmark(datasets, tmp_path, ["NeedleReach"], ["bc", other], [0], starts=STARTS)
     assert len(asked) == 1 and not (tmp_path / "bc").exists()
+
+
+# Units, under datatrove's executors.
+
+
+def request(datasets, output, **changed):
+    """All arguments of a benchmark."""
+    sizes = {"seeds": [0, 1], "steps": None, "points": 4, "starts": STARTS}
+    asked = {"datasets": datasets, "output": output, "tasks": ["NeedleReach"], "methods": ["bc"], **sizes}
+    return asked | {"options": [], "sensors": None} | changed
+
+
+def test_a_unit_is_a_training_that_is_not_finished(datasets, tmp_path, asked):
+    benchmark(**request(datasets, tmp_path, seeds=[0]))
+    units = training_units(**request(datasets, tmp_path, seeds=[0, 1, 2]))
+    for unit in units:
+        unit()
+    assert len(units) == 2
+    assert cells(asked, tmp_path) == ["bc/NeedleReach/0", "bc/NeedleReach/1", "bc/NeedleReach/2"]
+
+
+def test_tasks_that_are_learned_together_are_one_unit(datasets, tmp_path, asked):
+    shutil.copytree(datasets / "surrol_needle_reach", tmp_path / "datasets/all_tasks")
+    together = {"tasks": ["NeedleReach", "NeedlePick"], "methods": ["one=gcdt --dataset=all_tasks --steps=8"]}
+    assert len(training_units(**request(tmp_path / "datasets", tmp_path / "out", **together))) == 2  # seeds
+
+
+def test_units_can_be_looked_at_without_writing(datasets, tmp_path, asked):
+    assert training_units(write=False, **request(datasets, tmp_path))
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_units_did_is_collected_without_training(whole, datasets, tmp_path, capfd):
+    output = tmp_path / "units"
+    shutil.copytree(whole[0], output, symlinks=True)
+    for name in ("episodes.parquet", "success.md", "success.png"):
+        (output / name).unlink()
+    sizes = {"seeds": [5], "steps": 4, "points": 2, "options": ["--policy.device=cpu"]}
+    collected = benchmark(**request(datasets, output, methods=["bc", SMALL], **sizes))
+    pd.testing.assert_frame_equal(collected, whole[1])
+    assert capfd.readouterr().out.count("is complete already") == 2
 
 
 # Methods.

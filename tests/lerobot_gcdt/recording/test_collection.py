@@ -1,6 +1,10 @@
 """``gcdt record --all``: all tasks side by side, merged, resumable, and the same as one by one."""
 
 import json
+import os
+import signal
+import subprocess
+import sys
 
 import pytest
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
@@ -29,8 +33,9 @@ def recorded(two_tasks, tmp_path_factory):
 
 
 def files(folder):
-    """Every file under a folder, by relative path."""
-    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    """Every file of the datasets in a folder, or of one, by relative path."""
+    paths = [path.relative_to(folder) for path in folder.rglob("*") if path.is_file()]
+    return {str(path): (folder / path).read_bytes() for path in paths if path.parts[0] != "executor"}
 
 
 def test_there_is_a_dataset_a_task_and_their_merger(recorded):
@@ -138,6 +143,62 @@ def test_a_second_command_in_the_same_folder_is_refused(two_tasks, tmp_path, at_
     with pytest.raises(OSError, match="another `gcdt` command is at work in .*surrol_needle_regrasp.recording"):
         collection.record_all(tmp_path, episodes=1, workers=2)
     assert not (tmp_path / "surrol_cross_task").exists()
+
+
+# Units, under datatrove's executors.
+
+ALONE = """
+import surrol_gym
+
+surrol_gym.TASKS = ("NeedleReach", "NeedleRegrasp")
+
+import sys
+
+import gcdt_cli
+
+gcdt_cli.main(sys.argv[1:])
+"""
+
+
+def test_a_unit_records_one_task_and_what_was_not_done_is_done_in_the_end(recorded, two_tasks, tmp_path):
+    unit, _ = collection.recording_units(tmp_path / "datasets", episodes=2)
+    unit()
+    assert [path.name for path in (tmp_path / "datasets").iterdir()] == ["surrol_needle_regrasp"]
+    collection.record_all(tmp_path / "datasets", episodes=2, workers=1)
+    assert files(tmp_path / "datasets") == files(recorded)
+
+
+def test_units_are_refused_before_anything_is_written(recorded, two_tasks, tmp_path):
+    with pytest.raises(ValueError, match="at least one episode"):
+        collection.recording_units(tmp_path / "datasets", episodes=0)
+    with pytest.raises(ValueError, match="holds a recording with seed = 0, not 5"):
+        collection.recording_units(recorded, episodes=2, seed=5)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_command_that_was_killed_goes_on_under_an_executor_to_the_same_bytes(recorded, two_tasks, tmp_path, capsys):
+    pytest.importorskip("datatrove")
+    root = tmp_path / "datasets"
+    command = ["record", "--all", "--episodes", "2", "--root", str(root), "--executor", "local"]
+    killed = subprocess.Popen([sys.executable, "-c", ALONE, *command, "--workers", "2"], start_new_session=True)
+    while not list(root.glob("*.recording/*.npz")):
+        assert killed.poll() is None
+    os.killpg(killed.pid, signal.SIGKILL)
+    killed.wait()
+    assert not (root / "surrol_cross_task").exists()
+    cli.main([*command, "--workers", "1"])
+    assert files(root) == files(recorded)
+    assert capsys.readouterr().out.count("matches the manifest") == 2
+
+
+def test_a_dry_run_shows_the_jobs_of_slurm(two_tasks, tmp_path, capsys):
+    pytest.importorskip("datatrove")
+    command = ["record", "--all", "--root", str(tmp_path / "datasets"), "--executor", "slurm", "--dry_run"]
+    cli.main([*command, "--partition", "cpu", "--time", "01:00:00"])
+    shown = capsys.readouterr().out
+    for line in ("--array=0-1\n", "--partition=cpu\n", "--dependency=afterok:JOB_1\n"):
+        assert line in shown
+    assert not list(tmp_path.iterdir())
 
 
 # The command.
