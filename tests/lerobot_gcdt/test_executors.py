@@ -49,6 +49,7 @@ def test_other_units_are_not_taken_for_finished_ones(here):
     assert (here / "first").exists() and (here / "second").exists()
 
 
+@pytest.mark.study  # every worker imports the package anew
 def test_a_killed_worker_ends_the_command(here):
     with pytest.raises(ChildProcessError, match="a worker was killed; what is finished is kept, repeat"):
         run_units(shell("kill -9 $PPID", "true"), *shell("touch last"), here, "local", workers=2)
