@@ -66,9 +66,9 @@ class GCDTConfig(SingleFrames):
         expected_steps: Mean steps to the goal of each task, by task sentence: where time-to-goal starts at test time
             if it counts down. Filled from the dataset.
         optimizer_lr: Peak learning rate of AdamW.
-        optimizer_betas: How much of the running means of gradients and of their squares AdamW keeps in a step. With
-            PyTorch's 0.999 for the squares a policy that had learned NeedleReach to the last digit blew up: they had
-            become so small that the next larger gradient moved it out of reach (docs/differences.md).
+        optimizer_eps: What AdamW adds to the root mean square that it divides gradients by. With PyTorch's 1e-8 one
+            that had learned NeedleReach to the last digit blew up: its gradients had become so small that the next
+            larger one moved it out of reach (docs/results.md).
         optimizer_weight_decay: Weight decay of AdamW.
         optimizer_grad_clip_norm: Norm at which gradients are clipped.
         scheduler_warmup_steps: Steps of linear warm-up, shrunk in proportion when training is shorter than
@@ -102,7 +102,7 @@ class GCDTConfig(SingleFrames):
     expected_steps: dict[str, float] = field(default_factory=dict)
 
     optimizer_lr: float = 2e-3
-    optimizer_betas: tuple[float, float] = (0.9, 0.95)
+    optimizer_eps: float = 1e-7
     optimizer_weight_decay: float = 1e-4
     optimizer_grad_clip_norm: float = 1.0
     scheduler_warmup_steps: int = 5_000
@@ -140,8 +140,8 @@ class GCDTConfig(SingleFrames):
             raise OptionError(f"policy.training_stage must be 'pretrain' or 'finetune', got {self.training_stage!r}.")
         if self.optimizer_lr <= 0:
             raise OptionError(f"policy.optimizer_lr must be positive, got {self.optimizer_lr}.")
-        if not all(0 <= beta < 1 for beta in self.optimizer_betas):
-            raise OptionError(f"policy.optimizer_betas must lie in [0, 1), got {self.optimizer_betas}.")
+        if self.optimizer_eps <= 0:
+            raise OptionError(f"policy.optimizer_eps must be positive, got {self.optimizer_eps}.")
         if self.dtype not in DTYPES:
             raise OptionError(f"policy.dtype must be 'auto', 'bfloat16' or 'float32', got {self.dtype!r}.")
 
@@ -159,7 +159,7 @@ class GCDTConfig(SingleFrames):
         """Returns AdamW (Fu et al. 2024, section IV-A)."""
         return AdamWConfig(
             lr=self.optimizer_lr,
-            betas=self.optimizer_betas,
+            eps=self.optimizer_eps,
             weight_decay=self.optimizer_weight_decay,
             grad_clip_norm=self.optimizer_grad_clip_norm,
         )
