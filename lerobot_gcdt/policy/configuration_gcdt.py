@@ -102,7 +102,7 @@ class GCDTConfig(SingleFrames):
     expected_steps: dict[str, float] = field(default_factory=dict)
 
     optimizer_lr: float = 2e-3
-    optimizer_eps: float = 1e-7
+    optimizer_eps: float = 1e-6
     optimizer_weight_decay: float = 1e-4
     optimizer_grad_clip_norm: float = 1.0
     scheduler_warmup_steps: int = 5_000
