@@ -176,6 +176,7 @@ def test_units_are_refused_before_anything_is_written(recorded, two_tasks, tmp_p
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.study  # every worker imports the package anew
 def test_a_command_that_was_killed_goes_on_under_an_executor_to_the_same_bytes(recorded, two_tasks, tmp_path, capsys):
     pytest.importorskip("datatrove")
     root = tmp_path / "datasets"
