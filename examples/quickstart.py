@@ -28,7 +28,7 @@ def main() -> None:
     parser.add_argument("--output", type=Path, default=Path("outputs/quickstart"), help="folder of all results")
     parser.add_argument("--task", default="NeedlePick", help="name of the task (default NeedlePick)")
     parser.add_argument("--episodes", type=int, default=100, help="demonstrations (default 100)")
-    parser.add_argument("--steps", type=int, default=1000, help="optimiser steps (default 1000)")
+    parser.add_argument("--steps", type=int, default=2000, help="optimiser steps (default 2000)")
     parser.add_argument("--starts", type=int, default=100, help="episodes of the evaluation (default 100)")
     options = parser.parse_args()
     started = time.monotonic()
