@@ -25,11 +25,11 @@ BENCHMARK_EXAMPLE = "example: gcdt benchmark --datasets datasets --tasks PickAnd
 PUBLISH_EXAMPLE = "example: gcdt publish datasets/surrol_needle_pick --repo_id user/surrol_needle_pick --dry_run"
 
 EXECUTORS = {
-    "local": {"workers"},
-    "slurm": {"workers", "partition", "time", "cpus_per_task", "gpus_per_task", "dry_run"},
-    "ray": {"workers", "cpus_per_task", "gpus_per_task"},
+    "local": set[str](),
+    "slurm": {"partition", "time", "cpus_per_task", "gpus_per_task", "dry_run"},
+    "ray": {"cpus_per_task", "gpus_per_task"},
 }
-"""Options that go with each executor."""
+"""Options that go with each executor, beside ``--workers``."""
 
 EXPORT_EXAMPLE = "example: gcdt export-dvrk --policy expert --task PegTransfer --seed 3 --out outputs/peg_transfer_dvrk"
 

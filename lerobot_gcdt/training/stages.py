@@ -35,7 +35,7 @@ def _lerobots(steps: int, batch_size: int, normalisation: str, *options: str) ->
 
 
 RECIPES = {
-    # Ten tasks share the transformer; one alone learns better with a narrower one, in more and smaller steps.
+    # Ten tasks share the transformer, so it is wider than the default, which is for one.
     ("gcdt", "pretrain"): Recipe(
         20_000, 4, ("--policy.training_stage=pretrain", "--policy.width=192", "--policy.inner_width=768")
     ),
