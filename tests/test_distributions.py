@@ -20,7 +20,7 @@ import surrol_gym
 TESTS = Path(__file__).parent
 ROOT = TESTS.parent
 PLUGIN, SIMULATOR = ROOT, ROOT / "surrol_gym"
-CONTENTS = {PLUGIN: ("surrol_gym", "lerobot_gcdt", "gcdt_cli.py", "lerobot_policy_gcdt.py"), SIMULATOR: ("surrol_gym",)}
+CONTENTS = {PLUGIN: ("surrol_gym", "lerobot_gcdt", "gcdt_cli", "lerobot_policy_gcdt.py"), SIMULATOR: ("surrol_gym",)}
 """What is installed from each folder."""
 
 NOT_INSTALLED = {SIMULATOR / name for name in ("pyproject.toml", "README.md", "LICENSE")}

@@ -28,6 +28,8 @@ class BCConfig(SingleFrames):
         dtype: Arithmetic of the layers between the first and the last in training: ``"bfloat16"``, ``"float32"``, or
             ``"auto"`` for the faster of the two on the device (``lerobot_gcdt.precision``). All else is in float32.
         task_dims: Sizes ``[observation, goal, action]`` of the task, by task sentence. Filled from the dataset.
+        average_steps: Steps of training whose weights the policy acts with the average of
+            (``lerobot_gcdt.averaging``); 0 for the last weights.
         optimizer_lr: Peak learning rate of AdamW, decayed along a cosine over the whole training.
     """
 
@@ -38,6 +40,7 @@ class BCConfig(SingleFrames):
     relative_goal: bool = True
     dtype: str = "auto"
     task_dims: dict[str, list[int]] = field(default_factory=dict)
+    average_steps: int = 2_000
     optimizer_lr: float = 1e-3
 
     def __post_init__(self) -> None:

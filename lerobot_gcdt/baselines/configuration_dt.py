@@ -30,6 +30,8 @@ class DTConfig(SingleFrames):
         return_quantile: Quantile of the demonstrations' returns that the return-to-go starts at; 1 is the best one.
         windows_per_sample: Training windows that are drawn for each sample of a batch.
         task_dims: Sizes ``[observation, goal, action]`` of the task, by task sentence. Filled from the dataset.
+        average_steps: Steps of training whose weights the policy acts with the average of
+            (``lerobot_gcdt.averaging``); 0 for the last weights.
         optimizer_lr: Peak learning rate of AdamW, decayed along a cosine over the whole training.
     """
 
@@ -43,6 +45,7 @@ class DTConfig(SingleFrames):
     return_quantile: float = 1.0
     windows_per_sample: int = 2
     task_dims: dict[str, list[int]] = field(default_factory=dict)
+    average_steps: int = 2_000
     optimizer_lr: float = 1e-3
 
     def __post_init__(self) -> None:

@@ -8,6 +8,7 @@ from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
 from lerobot.policies.pretrained import PreTrainedPolicy
 from torch import Tensor, nn
 
+from lerobot_gcdt.averaging import AveragedWeights
 from lerobot_gcdt.baselines.configuration_bc import BCConfig
 from lerobot_gcdt.baselines.one_task import open_one_task, state_and_goal, to_train_on, training_frames
 from lerobot_gcdt.data.acting_batch import with_goals
@@ -17,7 +18,7 @@ from lerobot_gcdt.keys import ACTION
 from lerobot_gcdt.precision import training_precision
 
 
-class BCPolicy(PreTrainedPolicy):
+class BCPolicy(AveragedWeights, PreTrainedPolicy):
     """A perceptron trained by behavioural cloning, the baseline beside GCDT.
 
     It maps observation and goal to the action, and learns from hindsight-relabelled frames of one task.
@@ -58,6 +59,7 @@ class BCPolicy(PreTrainedPolicy):
             mean, std = mean_and_std(state_and_goal(training_frames(self._bank)[0], config.relative_goal))
             self.mean.copy_(mean)
             self.std.copy_(std)
+        self.keep_average(config.average_steps)
 
     def forward(self, batch: dict[str, Tensor], reduction: str = "mean") -> tuple[Tensor, dict[str, float]]:
         """Computes the mean squared error of the actions.

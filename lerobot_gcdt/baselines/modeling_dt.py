@@ -7,6 +7,7 @@ from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
 from lerobot.policies.pretrained import PreTrainedPolicy
 from torch import Tensor, nn
 
+from lerobot_gcdt.averaging import AveragedWeights
 from lerobot_gcdt.baselines.configuration_dt import DTConfig
 from lerobot_gcdt.baselines.one_task import open_one_task, state_and_goal, to_train_on, training_frames
 from lerobot_gcdt.data.acting_batch import with_goals
@@ -20,7 +21,7 @@ ORDER = (RETURN, SEEN, ACTION)
 """The tokens of a step, in their order."""
 
 
-class DTPolicy(PreTrainedPolicy):
+class DTPolicy(AveragedWeights, PreTrainedPolicy):
     """A decision transformer, the paper's rival of GCDT.
 
     It reads return-to-go, observation and action of the last steps, and learns from the demonstrations of one task as
@@ -77,6 +78,7 @@ class DTPolicy(PreTrainedPolicy):
             self.mean.copy_(mean)
             self.std.copy_(std)
             self.first_return.copy_(returns.quantile(config.return_quantile))
+        self.keep_average(config.average_steps)
         self.reset()
 
     def forward(self, batch: dict[str, Tensor], reduction: str = "mean") -> tuple[Tensor, dict[str, float]]:

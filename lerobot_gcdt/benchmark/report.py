@@ -12,39 +12,48 @@ from matplotlib.ticker import LogLocator, NullFormatter
 from lerobot_gcdt.evaluation.statistics import trainings_interval
 
 FIGURES = ("held", "reached")
+POINT = ["task", "method", "demonstrations", "step"]
+"""Columns that tell the points of trainings apart, where their seeds do not count."""
+
 COLOURS = ("#24557a", "#c0392b", "#1a7f5a", "#b8860b", "#6c3483", "#566573", "#ca6f9e", "#17202a")
 
 
 def write_report(episodes: pd.DataFrame, output: Path) -> None:
     """Writes ``success.md``, ``success.tex``, ``success.png`` and ``bars.png`` into a folder.
 
+    Where a method learned from several numbers of demonstrations, ``demonstrations.png`` shows them; the others but the
+    first are of the largest number.
+
     Args:
-        episodes: Rows of ``lerobot_gcdt.benchmark.learning.benchmark``.
+        episodes: What ``lerobot_gcdt.benchmark.learning.Benchmark.run`` returns.
         output: The folder.
     """
     rates = success_rates(episodes)
+    most = rates[rates.demonstrations == rates.groupby(["task", "method"]).demonstrations.transform("max")]
     (output / "success.md").write_text(success_table(rates))
-    (output / "success.tex").write_text(success_latex(rates))
-    plot_success(rates, output / "success.png")
-    plot_bars(rates, output / "bars.png")
+    (output / "success.tex").write_text(success_latex(most))
+    plot_success(most, output / "success.png")
+    plot_bars(most, output / "bars.png")
+    if len(most) < len(rates):
+        plot_demonstrations(rates, output / "demonstrations.png")
 
 
 def success_rates(episodes: pd.DataFrame) -> pd.DataFrame:
     """Computes success rates with 95 % intervals (``lerobot_gcdt.evaluation.statistics.trainings_interval``).
 
     Args:
-        episodes: Rows of ``lerobot_gcdt.benchmark.learning.benchmark``.
+        episodes: What ``lerobot_gcdt.benchmark.learning.Benchmark.run`` returns.
 
     Returns:
-        A row for each ``task``, ``method`` and ``step``: number of ``trainings`` and of ``starts`` (the fewest of a
-        training), mean ``seconds``, and ``held`` and ``reached``, means over the trainings, with the bounds
-        ``held_low``, ``held_high``, ``reached_low`` and ``reached_high``.
+        A row for each ``task``, ``method``, number of ``demonstrations`` and ``step``: number of ``trainings`` and of
+        ``starts`` (the fewest of a training), mean ``seconds``, and ``held`` and ``reached``, means over the trainings,
+        with the bounds ``held_low``, ``held_high``, ``reached_low`` and ``reached_high``.
     """
     rows = []
-    for (task, method, step), point in episodes.groupby(["task", "method", "step"], sort=False):
+    for key, point in episodes.groupby(POINT, sort=False):
         trainings = point.groupby("training_seed")
         starts = int(trainings.size().min())
-        row = {"task": task, "method": method, "step": step, "trainings": len(trainings), "starts": starts}
+        row = dict(zip(POINT, key, strict=True)) | {"trainings": len(trainings), "starts": starts}
         row["seconds"] = trainings.seconds.first().mean()
         for figure in FIGURES:
             each = trainings[figure].mean()
@@ -55,12 +64,12 @@ def success_rates(episodes: pd.DataFrame) -> pd.DataFrame:
 
 
 def at_the_end(rates: pd.DataFrame) -> pd.DataFrame:
-    """Takes the last point of each task and method, in their order.
+    """Takes the last point of each task, method and number of demonstrations, in their order.
 
     Args:
         rates: As ``success_rates`` returns them.
     """
-    return rates.loc[rates.groupby(["task", "method"], sort=False).step.idxmax()]
+    return rates.loc[rates.groupby(POINT[:-1], sort=False).step.idxmax()]
 
 
 def success_table(rates: pd.DataFrame) -> str:
@@ -70,16 +79,16 @@ def success_table(rates: pd.DataFrame) -> str:
         rates: As ``success_rates`` returns them.
     """
     lines = [
-        "| task | method | trainings | starts | steps | seconds | reached | held |",
-        "| --- | --- | --- | --- | --- | --- | --- | --- |",
+        "| task | method | demonstrations | trainings | starts | steps | seconds | reached | held |",
+        "| --- | --- | --- | --- | --- | --- | --- | --- | --- |",
     ]
     for end in at_the_end(rates).to_dict("records"):
-        counts = f"{end['trainings']} | {end['starts']} | {end['step']} | {end['seconds']:.0f}"
+        counts = " | ".join(str(end[name]) for name in ("demonstrations", "trainings", "starts", "step"))
         success = " | ".join(
             f"{end[figure]:.2f} ({end[f'{figure}_low']:.2f}-{end[f'{figure}_high']:.2f})"
             for figure in ("reached", "held")
         )
-        lines.append(f"| {end['task']} | {end['method']} | {counts} | {success} |")
+        lines.append(f"| {end['task']} | {end['method']} | {counts} | {end['seconds']:.0f} | {success} |")
     return "\n".join(lines) + "\n"
 
 
@@ -130,6 +139,21 @@ def plot_success(rates: pd.DataFrame, path: Path) -> None:
         rates: As ``success_rates`` returns them.
         path: The PNG file to write.
     """
+    _plot_panels(rates, "seconds", "seconds of training (CPU time; wall time on a GPU)", path)
+
+
+def plot_demonstrations(rates: pd.DataFrame, path: Path) -> None:
+    """Plots success at the end of the trainings against the number of demonstrations, as ``plot_success`` does.
+
+    Args:
+        rates: As ``success_rates`` returns them.
+        path: The PNG file to write.
+    """
+    _plot_panels(at_the_end(rates), "demonstrations", "demonstrations", path)
+
+
+def _plot_panels(rates: pd.DataFrame, column: str, label: str, path: Path) -> None:
+    """Plots success against a column, a panel a task, a colour a method."""
     tasks = rates.task.unique()
     colours = {method: COLOURS[i % len(COLOURS)] for i, method in enumerate(rates.method.unique())}
     columns = min(len(tasks), 3)
@@ -138,8 +162,8 @@ def plot_success(rates: pd.DataFrame, path: Path) -> None:
     panels = figure.subplots(rows, columns, squeeze=False, sharey=True).flat
     for task, axes in zip(tasks, panels, strict=False):
         for method, colour in colours.items():
-            points = rates[(rates.task == task) & (rates.method == method)].sort_values("step")
-            _draw(axes, points, method, colour)
+            points = rates[(rates.task == task) & (rates.method == method)].sort_values(column)
+            _draw(axes, points, column, method, colour)
         axes.set(title=task, xscale="log", ylim=(-0.02, 1.02))
         axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
         axes.xaxis.set_major_formatter("{x:g}")
@@ -147,7 +171,7 @@ def plot_success(rates: pd.DataFrame, path: Path) -> None:
         axes.grid(alpha=0.3)
     for axes in panels:  # left over
         axes.set_axis_off()
-    figure.supxlabel("seconds of training (CPU time; wall time on a GPU)", fontsize=10)
+    figure.supxlabel(label, fontsize=10)
     figure.supylabel("success rate", fontsize=10)
     figure.legend(
         *figure.axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=len(colours), fontsize=9
@@ -155,10 +179,9 @@ def plot_success(rates: pd.DataFrame, path: Path) -> None:
     figure.savefig(path, dpi=130)
 
 
-def _draw(axes: Axes, points: pd.DataFrame, method: str, colour: str) -> None:
+def _draw(axes: Axes, points: pd.DataFrame, column: str, method: str, colour: str) -> None:
+    where = points[column]
     for figure, dashes, strength in (("held", "-", 0.22), ("reached", "--", 0.1)):
-        axes.plot(
-            points.seconds, points[figure], dashes, color=colour, marker="o", markersize=3, label=f"{method} {figure}"
-        )
+        axes.plot(where, points[figure], dashes, color=colour, marker="o", markersize=3, label=f"{method} {figure}")
         low, high = points[f"{figure}_low"], points[f"{figure}_high"]
-        axes.fill_between(points.seconds, low, high, color=colour, alpha=strength, linewidth=0)
+        axes.fill_between(where, low, high, color=colour, alpha=strength, linewidth=0)

@@ -65,6 +65,8 @@ class GCDTConfig(SingleFrames):
         task_dims: Sizes ``[observation, goal, action]`` of each task, by task sentence. Filled from the dataset.
         expected_steps: Mean steps to the goal of each task, by task sentence: where time-to-goal starts at test time
             if it counts down. Filled from the dataset.
+        average_steps: Steps of training whose weights the policy acts with the average of
+            (``lerobot_gcdt.averaging``); 0 for the last weights.
         optimizer_lr: Peak learning rate of AdamW.
         optimizer_eps: What AdamW adds to the root mean square that it divides gradients by. With PyTorch's 1e-8 one
             that had learned NeedleReach to the last digit blew up: its gradients had become so small that the next
@@ -101,6 +103,7 @@ class GCDTConfig(SingleFrames):
     task_dims: dict[str, list[int]] = field(default_factory=dict)
     expected_steps: dict[str, float] = field(default_factory=dict)
 
+    average_steps: int = 2_000
     optimizer_lr: float = 2e-3
     optimizer_eps: float = 1e-6
     optimizer_weight_decay: float = 1e-4

@@ -7,6 +7,7 @@ from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
 from lerobot.policies.pretrained import PreTrainedPolicy
 from torch import Tensor, nn
 
+from lerobot_gcdt.averaging import AveragedWeights
 from lerobot_gcdt.data.acting_batch import tasks_of, with_goals
 from lerobot_gcdt.data.draws import combine, uniform
 from lerobot_gcdt.data.statistics import mean_of_each
@@ -32,7 +33,7 @@ NOW = ORDER[: ORDER.index(ACTION)]
 """Kinds of items of a step that are there before its action."""
 
 
-class GCDTPolicy(PreTrainedPolicy):
+class GCDTPolicy(AveragedWeights, PreTrainedPolicy):
     """The goal-conditioned decision transformer (GCDT) of Fu et al. (ICRA 2024).
 
     A transformer over time-to-goal, goal, observation and action tokens predicts the next action. Tokenizers and heads
@@ -86,6 +87,7 @@ class GCDTPolicy(PreTrainedPolicy):
             pieces = self.bank.pieces(self.bank.training_starts(i), 1)
             seen = self.bank.sequences(pieces, self.bank.draw_cuts(pieces, config.hindsight_ratio))
             self.modules_of(task).fit({key: value[:, 0] for key, value in seen.items.items()})
+        self.keep_average(config.average_steps)
         self.reset()
 
     # Training.

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, cast
 from safetensors import safe_open
 from torch import nn
 
+from lerobot_gcdt.averaging import without_resting
 from lerobot_gcdt.policy.objectives import OBJECTIVES
 from lerobot_gcdt.policy.tokens import TaskModules
 
@@ -30,8 +31,8 @@ def prepare_for_weights(policy: "GCDTPolicy", file: str | Path) -> None:
     if "one_token" not in json.loads(Path(file).with_name("config.json").read_text()):
         _become_older(policy)
     with safe_open(file, "pt") as stream:
-        saved = set(stream.keys())
-    own = set(policy.state_dict())
+        saved = without_resting(stream.keys())
+    own = without_resting(policy.state_dict())
     known_tasks, known_modules = ({key.split(".")[i] for key in saved if key.startswith("tasks.")} for i in (1, 2))
     further = {name for objective in policy.config.objectives for name in OBJECTIVES[objective].heads([1, 1, 1], 1)}
     new = {"training_step"} - saved
@@ -61,3 +62,4 @@ def _become_older(policy: "GCDTPolicy") -> None:
     for modules in policy.tasks.values():
         for tokenizer in cast(TaskModules, modules).tokenizers.values():
             tokenizer.norm = nn.LayerNorm(config.width)
+    policy.keep_average(config.average_steps)

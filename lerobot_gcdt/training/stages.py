@@ -41,7 +41,9 @@ RECIPES = {
     ),
     ("gcdt", "generalist"): Recipe(30_000, 8, ("--policy.training_stage=finetune",)),
     # The full learning rate would undo what is learned.
-    ("gcdt", "finetune"): Recipe(2_000, 4, ("--policy.training_stage=finetune", "--policy.optimizer_lr=5e-4")),
+    ("gcdt", "finetune"): Recipe(
+        2_000, 4, ("--policy.training_stage=finetune", "--policy.optimizer_lr=5e-4", "--policy.average_steps=300")
+    ),
     ("gcdt", "scratch"): Recipe(12_000, 2),
     ("bc", "scratch"): Recipe(24_000, 4),
     ("dt", "scratch"): Recipe(5_000, 8),

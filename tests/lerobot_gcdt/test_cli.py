@@ -34,11 +34,16 @@ def test_help_shows_an_example(arguments, capsys):
 
 
 @pytest.mark.parametrize(
-    "command", ["record", "import", "merge", "train", "evaluate", "benchmark", "publish", "export-dvrk"]
+    ("command", "module"),
+    zip(
+        ("record", "import", "merge", "train", "evaluate", "benchmark", "publish", "export-dvrk"),
+        cli.COMMANDS,
+        strict=True,
+    ),
 )
-def test_the_example_in_the_help_is_a_valid_command(command, capsys, monkeypatch):
+def test_the_example_in_the_help_is_a_valid_command(command, module, capsys, monkeypatch):
     calls = []
-    monkeypatch.setattr(cli, f"_{command.replace('-', '_')}", calls.append)
+    monkeypatch.setattr(module, "run", calls.append)
     example = " ".join(help_of([command], capsys).split()).split("example: gcdt ")[1]
     cli.main(example.split(";")[0].split())
     assert calls[0].command == command
@@ -142,21 +147,21 @@ def test_train_passes_on_what_was_asked_for(tmp_path, monkeypatch):
 
 def test_benchmark_passes_on_what_was_asked_for(tmp_path, monkeypatch, capsys):
     calls = []
-    outcome = {"method": "bc", "task": "NeedlePick", "training_seed": 3, "step": 8, "seconds": 7.0, "seed": [5, 6]}
-    episodes = pd.DataFrame(outcome | {"reached": True, "held": False, "steps": 9.0})
-    monkeypatch.setattr(
-        "lerobot_gcdt.benchmark.learning.benchmark", lambda **arguments: calls.append(arguments) or episodes
-    )
+    cell = {"method": "bc", "task": "NeedlePick", "demonstrations": 9, "training_seed": 3}
+    outcome = {"step": 8, "seconds": 7.0, "seed": [5, 6], "reached": True, "held": False, "steps": 9.0}
+    episodes = pd.DataFrame(cell | outcome)
+    made = lambda **arguments: calls.append(arguments) or SimpleNamespace(run=lambda: episodes)  # noqa: E731
+    monkeypatch.setattr("lerobot_gcdt.benchmark.learning.Benchmark", made)
     folders = {"datasets": tmp_path, "output": tmp_path / "x"}
     command = ["benchmark", *(part for name, value in folders.items() for part in (f"--{name}", str(value)))]
     command += ["--tasks", "NeedlePick,NeedleReach", "--methods", "gcdt,bc", "wide=bc --policy.hidden_sizes=[9,9]"]
     command += ["--seeds", "3,4", "--steps", "8", "--points", "2", "--starts", "2", "--first_seed", "5"]
-    command += ["--position_std", "0.01"]
+    command += ["--position_std", "0.01", "--demonstrations", "4,9"]
     cli.main([*command, "--", "--policy.device=cpu"])
     asked = {"tasks": ["NeedlePick", "NeedleReach"], "methods": ["gcdt", "bc", "wide=bc --policy.hidden_sizes=[9,9]"]}
     asked |= {"seeds": [3, 4], "steps": 8, "points": 2, "starts": range(5, 7), "options": ["--policy.device=cpu"]}
-    assert calls == [folders | asked | {"sensors": {"position_std": 0.01}}]
-    assert "| NeedlePick | bc | 1 | 2 | 8 | 7 | 1.00 (0.34-1.00) | 0.00 (0.00-0.66) |" in capsys.readouterr().out
+    assert calls == [folders | asked | {"demonstrations": [4, 9], "sensors": {"position_std": 0.01}}]
+    assert "| NeedlePick | bc | 9 | 1 | 2 | 8 | 7 | 1.00 (0.34-1.00) | 0.00 (0.00-0.66) |" in capsys.readouterr().out
 
 
 def test_the_help_of_benchmark_says_what_starts_are_for(capsys):
@@ -355,7 +360,7 @@ SLURM = ["--executor", "slurm", "--partition", "cpu", "--time", "01:00:00"]
     ],
 )
 def test_options_of_executors_that_do_not_go_together_are_told(arguments, told, tmp_path, monkeypatch):
-    monkeypatch.setattr(cli, "find_spec", lambda name: name)
+    monkeypatch.setattr("gcdt_cli.options.find_spec", lambda name: name)
     folder = "--root" if arguments[0] == "record" else "--output"
     with pytest.raises(SystemExit, match=told):
         cli.main([*arguments, folder, str(tmp_path / "x")])
@@ -364,21 +369,23 @@ def test_options_of_executors_that_do_not_go_together_are_told(arguments, told, 
 
 @pytest.mark.parametrize(("executor", "missing"), [("local", "datatrove"), ("ray", "ray")])
 def test_what_an_executor_lacks_is_told_with_the_extra_that_brings_it(executor, missing, tmp_path, monkeypatch):
-    monkeypatch.setattr(cli, "find_spec", lambda name: None if name == missing else name)
+    monkeypatch.setattr("gcdt_cli.options.find_spec", lambda name: None if name == missing else name)
     with pytest.raises(SystemExit, match=rf"{executor} needs {missing}, .*lerobot_policy_gcdt\[executors\]"):
         cli.main(["record", "--all", "--root", str(tmp_path / "x"), "--executor", executor])
 
 
 def test_a_benchmark_under_an_executor_hands_out_its_trainings_and_then_reports(tmp_path, monkeypatch):
     given = []
-    monkeypatch.setattr("lerobot_gcdt.benchmark.learning.training_units", lambda **asked: [asked])
+    made = lambda **asked: SimpleNamespace(units=lambda write: [(asked, write)])  # noqa: E731
+    monkeypatch.setattr("lerobot_gcdt.benchmark.learning.Benchmark", made)
     executors = SimpleNamespace(run_units=lambda *arguments, **settings: given.append((arguments, settings)))
     monkeypatch.setitem(sys.modules, "lerobot_gcdt.executors", executors)
-    monkeypatch.setattr(cli, "find_spec", lambda name: name)
+    monkeypatch.setattr("gcdt_cli.options.find_spec", lambda name: name)
     command = ["benchmark", "--datasets", str(tmp_path), "--tasks", "NeedleReach", "--output", "out"]
     cli.main([*command, *SLURM, "--gpus_per_task", "1", "--dry_run"])
     [((units, last, root), settings)] = given
-    assert root == Path("out") and units[0].pop("write") is False
-    assert last.args == (units[0],)
+    [(asked, write)] = units
+    assert root == Path("out") and write is False
+    assert last.args == (asked,)
     slurm = {"executor": "slurm", "workers": -1, "partition": "cpu", "time": "01:00:00"}
     assert settings == slurm | {"gpus_per_task": 1, "dry_run": True}

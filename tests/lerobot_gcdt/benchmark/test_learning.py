@@ -1,5 +1,6 @@
 """A benchmark of learning: every cell trained and evaluated once, alike, and nothing lost by an interruption."""
 
+import json
 import shutil
 
 import pandas as pd
@@ -7,13 +8,20 @@ import pytest
 
 from lerobot_gcdt import GENERALIST
 from lerobot_gcdt.benchmark import learning
-from lerobot_gcdt.benchmark.learning import benchmark, parse_method, training_units
+from lerobot_gcdt.benchmark.learning import Benchmark
+from lerobot_gcdt.benchmark.methods import parse_method
 
 STARTS = range(20_000, 20_002)
+DEMONSTRATIONS = 4
+"""Episodes of each dataset."""
 SMALL = (
     "small=gcdt --policy.layers=1 --policy.width=16 --policy.heads=2 --policy.inner_width=16 --steps=2 "
     "--policy.dtype=bfloat16"  # the other one is trained in float32
 )
+
+
+def benchmark(*arguments, **options):
+    return Benchmark(*arguments, **options).run()
 
 
 @pytest.fixture(scope="module")
@@ -61,12 +69,14 @@ def cells(asked, output):
 
 def test_every_checkpoint_is_evaluated_from_the_same_starts(whole):
     _, episodes = whole
-    columns = ["method", "task", "training_seed", "step", "seconds", "seed", "reached", "held", "steps"]
+    cell = ["method", "task", "demonstrations", "training_seed"]
+    columns = [*cell, "step", "seconds", "seed", "reached", "held", "steps"]
     assert list(episodes.columns) == columns
     rows = episodes[["method", "step", "seed"]].itertuples(index=False)
     points = [("bc", 2), ("bc", 4), ("small", 1), ("small", 2)]
     assert sorted(map(tuple, rows)) == [(*point, seed) for point in points for seed in STARTS]
     assert set(episodes.training_seed) == {5} and set(episodes.task) == {"NeedleReach"}
+    assert set(episodes.demonstrations) == {DEMONSTRATIONS}
 
 
 def test_seconds_increase_along_a_training(whole):
@@ -80,7 +90,7 @@ def test_the_results_lie_in_the_output_folder(whole):
     output, episodes = whole
     kept = pd.read_parquet(output / "episodes.parquet")
     pd.testing.assert_frame_equal(kept, episodes, check_like=True)
-    assert "| NeedleReach | small | 1 | 2 | 2 |" in (output / "success.md").read_text()
+    assert f"| NeedleReach | small | {DEMONSTRATIONS} | 1 | 2 | 2 |" in (output / "success.md").read_text()
     assert (output / "success.png").read_bytes().startswith(b"\x89PNG")
 
 
@@ -100,6 +110,27 @@ def test_all_cells_of_the_first_seed_come_first(datasets, tmp_path, asked):
     benchmark(datasets, tmp_path, ["NeedleReach", "NeedlePick"], ["bc", "gcdt"], [0, 1], starts=STARTS)
     first = ["bc/NeedleReach/0", "gcdt/NeedleReach/0", "bc/NeedlePick/0", "gcdt/NeedlePick/0"]
     assert cells(asked, tmp_path) == first + [cell.replace("/0", "/1") for cell in first]
+
+
+def test_each_number_of_demonstrations_has_a_training_of_its_own_from_the_first_ones(datasets, tmp_path, asked):
+    numbers = {"demonstrations": [1, 3, DEMONSTRATIONS], "starts": STARTS}
+    episodes = benchmark(datasets, tmp_path, ["NeedleReach"], ["bc"], [0], **numbers)
+    assert cells(asked, tmp_path) == ["bc/NeedleReach_1/0", "bc/NeedleReach_3/0", "bc/NeedleReach/0"]
+    assert [[o for o in options if "episodes" in o] for *_, options in asked] == [
+        ["--dataset.episodes=[0]"],
+        ["--dataset.episodes=[0, 1, 2]"],
+        [],
+    ]
+    assert set(episodes.demonstrations) == {1, 3, DEMONSTRATIONS}
+    benchmark(datasets, tmp_path, ["NeedleReach"], ["bc"], [0], starts=STARTS)
+    assert len(asked) == 3, "all of them are the whole dataset"
+
+
+def test_a_training_on_the_first_demonstrations_sees_no_other(datasets, tmp_path, command):
+    small = {"methods": ["bc"], "steps": 2, "points": 1, "options": ["--policy.device=cpu"], "demonstrations": [1]}
+    command(lambda: benchmark(datasets, tmp_path, ["NeedleReach"], seeds=[0], starts=STARTS, **small))
+    [settings] = tmp_path.glob("bc/NeedleReach_1/0/checkpoints/000002/pretrained_model/train_config.json")
+    assert json.loads(settings.read_text())["dataset"]["episodes"] == [0]
 
 
 # Going on.
@@ -163,7 +194,7 @@ def request(datasets, output, **changed):
 
 def test_a_unit_is_a_training_that_is_not_finished(datasets, tmp_path, asked):
     benchmark(**request(datasets, tmp_path, seeds=[0]))
-    units = training_units(**request(datasets, tmp_path, seeds=[0, 1, 2]))
+    units = Benchmark(**request(datasets, tmp_path, seeds=[0, 1, 2])).units()
     for unit in units:
         unit()
     assert len(units) == 2
@@ -173,11 +204,11 @@ def test_a_unit_is_a_training_that_is_not_finished(datasets, tmp_path, asked):
 def test_tasks_that_are_learned_together_are_one_unit(datasets, tmp_path, asked):
     shutil.copytree(datasets / "surrol_needle_reach", tmp_path / "datasets/all_tasks")
     together = {"tasks": ["NeedleReach", "NeedlePick"], "methods": ["one=gcdt --dataset=all_tasks --steps=8"]}
-    assert len(training_units(**request(tmp_path / "datasets", tmp_path / "out", **together))) == 2  # seeds
+    assert len(Benchmark(**request(tmp_path / "datasets", tmp_path / "out", **together)).units()) == 2  # seeds
 
 
 def test_units_can_be_looked_at_without_writing(datasets, tmp_path, asked):
-    assert training_units(write=False, **request(datasets, tmp_path))
+    assert Benchmark(**request(datasets, tmp_path)).units(write=False)
     assert not list(tmp_path.iterdir())
 
 
@@ -259,6 +290,13 @@ def test_no_more_checkpoints_are_evaluated_than_there_are_steps(datasets, tmp_pa
         ({"steps": 0}, "positive, got 0"),
         ({"steps": 10, "points": 4}, "10 steps of the method bc cannot be divided into 4 equal parts"),
         ({"points": 0}, "divided into 0"),
+        ({"demonstrations": [2, 5]}, "surrol_needle_reach holds 4 demonstrations, .* cannot learn from 5"),
+        ({"demonstrations": [0]}, "cannot learn from 0"),
+        ({"demonstrations": [2, 2]}, "at least one number of demonstrations, each once"),
+        (
+            {"demonstrations": [2], "methods": ["one=bc --dataset=surrol_needle_reach"]},
+            "The method one learns several tasks together, from all",
+        ),
         ({"sensors": {"dropout": 2}}, "dropout is a probability, .* got 2"),
     ],
     ids=lambda value: str(value) if isinstance(value, dict) else "",

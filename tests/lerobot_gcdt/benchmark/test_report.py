@@ -5,25 +5,45 @@ import itertools
 import pandas as pd
 import pytest
 
-from lerobot_gcdt.benchmark.report import plot_bars, plot_success, success_latex, success_rates, success_table
+from lerobot_gcdt.benchmark.report import (
+    plot_bars,
+    plot_demonstrations,
+    plot_success,
+    success_latex,
+    success_rates,
+    success_table,
+    write_report,
+)
 from lerobot_gcdt.evaluation.statistics import trainings_interval, wilson_interval
 
 SUCCESSES = {("bc", 0): (4, 10), ("bc", 1): (6, 16), ("gcdt", 0): (5, 15)}
 """Of 20 episodes of each training, half way and at its end; one fewer is held."""
 
 
-@pytest.fixture(scope="module")
-def rates():
+def episodes(demonstrations: int) -> pd.DataFrame:
     rows = []
     for ((method, training), successes), task in itertools.product(SUCCESSES.items(), ["NeedlePick", "PegTransfer"]):
         for step, of_20 in zip((50, 100), successes, strict=True):
-            facts = {"method": method, "task": task, "training_seed": training, "step": step}
-            facts["seconds"] = step * (2 if training else 1)
+            facts = {"method": method, "task": task, "demonstrations": demonstrations, "training_seed": training}
+            facts |= {"step": step, "seconds": step * (2 if training else 1)}
             rows += [
                 facts | {"seed": seed, "reached": seed < of_20, "held": seed < of_20 - 1, "steps": 9.0}
                 for seed in range(20)
             ]
-    return success_rates(pd.DataFrame(rows))
+    return pd.DataFrame(rows)
+
+
+@pytest.fixture(scope="module")
+def rates():
+    return success_rates(episodes(100))
+
+
+@pytest.fixture
+def drawn(monkeypatch):
+    """The figures that are saved."""
+    figures = []
+    monkeypatch.setattr("matplotlib.figure.Figure.savefig", lambda figure, *_, **__: figures.append(figure))
+    return figures
 
 
 def point(rates, method, step):
@@ -51,9 +71,9 @@ def test_a_single_training_has_wilsons_interval(rates):
 
 def test_the_table_tells_the_end_of_the_trainings(rates):
     header, _, *lines = success_table(rates).splitlines()
-    assert header == "| task | method | trainings | starts | steps | seconds | reached | held |"
+    assert header == "| task | method | demonstrations | trainings | starts | steps | seconds | reached | held |"
     low, high = wilson_interval(14, 20)
-    assert f"| NeedlePick | gcdt | 1 | 20 | 100 | 100 | 0.75 (0.53-0.89) | 0.70 ({low:.2f}-{high:.2f}) |" in lines
+    assert f"| NeedlePick | gcdt | 100 | 1 | 20 | 100 | 100 | 0.75 (0.53-0.89) | 0.70 ({low:.2f}-{high:.2f}) |" in lines
     assert len(lines) == 4
 
 
@@ -68,9 +88,7 @@ def test_the_latex_table_has_a_row_for_each_task_and_a_column_for_each_method(ra
     ]
 
 
-def test_the_bars_are_the_rates_at_the_end_of_the_trainings(rates, tmp_path, monkeypatch):
-    drawn = []
-    monkeypatch.setattr("matplotlib.figure.Figure.savefig", lambda figure, *_, **__: drawn.append(figure))
+def test_the_bars_are_the_rates_at_the_end_of_the_trainings(rates, tmp_path, drawn):
     plot_bars(rates, tmp_path / "bars.png")
     [axes] = drawn[0].axes
     bars = {
@@ -85,9 +103,7 @@ def test_the_bars_are_the_rates_at_the_end_of_the_trainings(rates, tmp_path, mon
     assert [label.get_text() for label in axes.get_xticklabels()] == ["NeedlePick", "PegTransfer"]
 
 
-def test_the_figure_has_a_panel_for_each_task(rates, tmp_path, monkeypatch):
-    drawn = []
-    monkeypatch.setattr("matplotlib.figure.Figure.savefig", lambda figure, *_, **__: drawn.append(figure))
+def test_the_figure_has_a_panel_for_each_task(rates, tmp_path, drawn):
     plot_success(rates, tmp_path / "success.png")
     [figure] = drawn
     assert [axes.get_title() for axes in figure.axes] == ["NeedlePick", "PegTransfer"]
@@ -97,3 +113,23 @@ def test_the_figure_has_a_panel_for_each_task(rates, tmp_path, monkeypatch):
         assert lines["bc reached"] == [[75, pytest.approx(0.25)], [150, pytest.approx(0.65)]]
         assert set(lines) == {"bc held", "bc reached", "gcdt held", "gcdt reached"}
         assert len(axes.collections) == len(lines), "every line has the band of its intervals"
+
+
+def test_success_is_drawn_against_the_number_of_demonstrations(tmp_path, drawn):
+    rates = success_rates(pd.concat([episodes(25), episodes(100)]))
+    plot_demonstrations(rates, tmp_path / "demonstrations.png")
+    [figure] = drawn
+    lines = {line.get_label(): line.get_xydata().tolist() for line in figure.axes[0].lines}
+    assert lines["gcdt held"] == [[25, pytest.approx(14 / 20)], [100, pytest.approx(14 / 20)]]
+
+
+def test_numbers_of_demonstrations_are_compared_in_a_figure_and_a_table_of_their_own(tmp_path):
+    write_report(pd.concat([episodes(25), episodes(100)]), tmp_path)
+    assert (tmp_path / "demonstrations.png").read_bytes().startswith(b"\x89PNG")
+    assert "| NeedlePick | gcdt | 25 | 1 |" in (tmp_path / "success.md").read_text()
+    assert (tmp_path / "success.tex").read_text() == success_latex(success_rates(episodes(100)))
+
+
+def test_there_is_no_figure_of_one_number_of_demonstrations(tmp_path):
+    write_report(episodes(100), tmp_path)
+    assert not (tmp_path / "demonstrations.png").exists()

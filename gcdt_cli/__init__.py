@@ -1,0 +1,30 @@
+"""The console command ``gcdt``, a module a command.
+
+A package outside of ``lerobot_gcdt``, because importing that one registers its policies with LeRobot and so loads
+PyTorch and LeRobot, which takes many seconds. Whoever asks for help or mistypes something is answered without them.
+"""
+
+import argparse
+import os
+import sys
+
+from gcdt_cli import benchmark, evaluation, export_dvrk, importing, merging, publishing, record, training
+
+COMMANDS = (record, importing, merging, training, evaluation, benchmark, publishing, export_dvrk)
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Runs ``gcdt``; a bad argument ends with one line and an exit status other than 0."""
+    # Threads that wait busily for each other make a training beside other work take up to 40 times as long.
+    os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # read when PyTorch is loaded
+    parser = argparse.ArgumentParser(
+        prog="gcdt", description="Datasets and policies of the SurRoL tasks.", epilog=record.EXAMPLE
+    )
+    commands = parser.add_subparsers(dest="command", required=True)
+    for module in COMMANDS:
+        module.add(commands)
+    options = parser.parse_args(arguments)
+    try:
+        options.run(options)
+    except (ValueError, OSError, RuntimeError) as error:
+        sys.exit(f"gcdt {options.command}: {error}")

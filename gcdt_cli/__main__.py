@@ -1,0 +1,5 @@
+"""``python -m gcdt_cli``."""
+
+from gcdt_cli import main
+
+main()

@@ -1,0 +1,63 @@
+"""``gcdt evaluate``."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from gcdt_cli.options import add_sensors, check_folder, check_tasks, checkpoint_of, names, sensor_settings
+
+EXAMPLE = "example: gcdt evaluate outputs/needle_pick --first_seed 100000 --starts 100"
+
+
+def add(commands: Any) -> None:
+    evaluate = commands.add_parser(
+        "evaluate",
+        help="evaluate trained policies from fresh starts; the episodes are kept beside their checkpoints",
+        epilog=EXAMPLE,
+    )
+    evaluate.add_argument(
+        "trainings",
+        nargs="+",
+        metavar="TRAINING",
+        help="training, or pretrained_model folder in it; with --episodes a single one, a repository on the Hub, or "
+        "generalist, which is built in",
+    )
+    evaluate.add_argument("--tasks", type=names, help="tasks, separated by commas (default: all that the policy knows)")
+    evaluate.add_argument("--first_seed", type=int, default=100_000, help="seed of the first start (default 100000)")
+    evaluate.add_argument("--starts", type=int, default=100, help="episodes of each task (default 100)")
+    evaluate.add_argument(
+        "--episodes", type=Path, metavar="FILE", help="keep the episodes in this Parquet file instead"
+    )
+    evaluate.add_argument("--film", action="store_true", help="also film the first three, beside the checkpoint")
+    add_sensors(evaluate, "imperfect sensors, with --episodes")
+    evaluate.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> None:
+    check_tasks(options.tasks or [])
+    if options.episodes and len(options.trainings) > 1:
+        raise ValueError(f"--episodes keeps those of a single training, got {', '.join(options.trainings)}.")
+    sensors = sensor_settings(options)
+    if sensors and not options.episodes:
+        raise ValueError(f"Episodes of imperfect sensors ({', '.join(sensors)}) need a file of their own: --episodes.")
+    for training in [] if options.episodes else options.trainings:
+        check_folder(Path(training), f"`gcdt train --dataset DATASET --output {training}` trains a policy")
+
+    from lerobot_gcdt.evaluation import describe, evaluate_checkpoint, load_policy
+    from lerobot_gcdt.evaluation.pictures import film
+    from lerobot_gcdt.evaluation.tasks import tasks_of
+    from lerobot_gcdt.training import existing_checkpoint
+
+    seeds = range(options.first_seed, options.first_seed + options.starts)
+    if options.episodes:
+        checkpoints = {training: checkpoint_of(training) for training in options.trainings}
+    else:
+        checkpoints = {training: existing_checkpoint(training) for training in options.trainings}
+    tasks = {training: tasks_of(found, options.tasks) for training, found in checkpoints.items()}
+    for training, found in checkpoints.items():
+        episodes = evaluate_checkpoint(found, tasks[training], seeds, file=options.episodes, sensors=sensors)
+        print(f"{training}\n{describe(episodes)}", flush=True)
+        for task in tasks[training] if options.film else []:
+            path = (options.episodes or found.resolve()).parent / f"{task}.mp4"
+            film(load_policy(found), task, seeds[:3], path, sensors=sensors)
+            print(f"The film is {path}.")

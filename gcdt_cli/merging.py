@@ -1,0 +1,21 @@
+"""``gcdt merge``."""
+
+import argparse
+from typing import Any
+
+EXAMPLE = "example: gcdt merge datasets/needle_pick datasets/peg_transfer --root datasets/surrol_cross_task"
+
+
+def add(commands: Any) -> None:
+    merge = commands.add_parser(
+        "merge", help="merge the datasets of several tasks into one for cross-task training", epilog=EXAMPLE
+    )
+    merge.add_argument("datasets", nargs="+", help="folders of datasets that `gcdt record` or `gcdt import` wrote")
+    merge.add_argument("--root", required=True, help="folder of the merged dataset")
+    merge.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> None:
+    from lerobot_gcdt.recording import merge
+
+    merge(options.datasets, options.root)

@@ -1,0 +1,103 @@
+"""Acting with an average of the weights over the last steps of training.
+
+From one step of training to the next the success of a cloned policy changes far more than its error does, because small
+errors grow along an episode. The average over many steps is steadier, and better than most of what it is an average of
+(Block et al. 2024, arXiv 2310.11428).
+"""
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any, Self
+
+import torch
+from torch import Tensor, nn
+from torch.optim.swa_utils import get_ema_multi_avg_fn
+
+from lerobot_gcdt.errors import OptionError
+
+RESTING = "resting"
+
+
+class AveragedWeights(nn.Module):
+    """What a LeRobot policy inherits, before ``PreTrainedPolicy``, that acts with an average of its weights.
+
+    In training mode its parameters are the ones that are being trained, in evaluation mode their average. The others
+    rest in buffers. In files the average has the names of the parameters, whatever the mode was, so whoever reads only
+    these has the policy that acts.
+    """
+
+    training_step: Tensor
+    """Batches that training has seen, a buffer of the policy."""
+
+    if TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any: ...  # as in LeRobot, which comes without types
+
+    def keep_average(self, steps: int) -> None:
+        """Begins an average with the present weights; the last thing that the constructor does.
+
+        Args:
+            steps: Steps that the average looks back on, or a ninth of those so far if they are fewer; 0 for none. Older
+                weights fade exponentially.
+
+        Raises:
+            OptionError: The number is negative.
+        """
+        if steps < 0:
+            raise OptionError(f"policy.average_steps must not be negative, got {steps}.")
+        self.average_steps = steps
+        if not hasattr(self, RESTING):
+            self.register_state_dict_post_hook(_name_by_role)
+            self.register_load_state_dict_pre_hook(_take_by_role)
+        self.resting = nn.Module()
+        for name, parameter in self.named_parameters() if steps else ():
+            self.resting.register_buffer(_name_at_rest(name), parameter.detach().clone())
+
+    def update(self) -> None:
+        """Takes the weights of another step into the average; `lerobot-train` calls it after each."""
+        if not self.average_steps:
+            return
+        step = int(self.training_step)
+        decay = min(1 - 1 / self.average_steps, (1 + step) / (10 + step))
+        get_ema_multi_avg_fn(decay)([*self.resting.buffers()], [*self.parameters()], step)
+
+    def train(self, mode: bool = True) -> Self:
+        """Changes between the weights in training and their average, as the modes do."""
+        if mode != self.training and self.average_steps:
+            with torch.no_grad():
+                for parameter, resting in zip(self.parameters(), self.resting.buffers(), strict=True):
+                    before = parameter.clone()
+                    parameter.copy_(resting)
+                    resting.copy_(before)
+        return super().train(mode)
+
+
+def without_resting(names: Iterable[str]) -> set[str]:
+    """Returns the names in a policy's file that are no weights at rest."""
+    return {name for name in names if not name.startswith(f"{RESTING}.")}
+
+
+def _name_at_rest(name: str) -> str:
+    return name.replace(".", "/")  # a buffer's name holds no dots
+
+
+def _pairs(policy: AveragedWeights, prefix: str) -> list[tuple[str, str]]:
+    """The names of parameters and of what rests, in a state dictionary."""
+    names = [name for name, _ in policy.named_parameters()]
+    return [(prefix + name, f"{prefix}{RESTING}.{_name_at_rest(name)}") for name in names]
+
+
+def _name_by_role(policy: AveragedWeights, state: dict[str, Any], prefix: str, *_: Any) -> None:
+    """Gives the average the names of the parameters; a hook of ``state_dict``."""
+    if policy.training and policy.average_steps:
+        for name, resting in _pairs(policy, prefix):
+            state[name], state[resting] = state[resting], state[name]
+
+
+def _take_by_role(policy: AveragedWeights, state: dict[str, Any], prefix: str, *_: Any) -> None:
+    """The reverse, a hook of ``load_state_dict``; older files and smaller ones hold nothing at rest."""
+    for name, resting in _pairs(policy, prefix):
+        if not policy.average_steps:
+            state.pop(resting, None)
+        elif name in state:
+            average, in_training = state[name], state.get(resting, state[name])
+            state[name], state[resting] = (in_training, average) if policy.training else (average, in_training)
