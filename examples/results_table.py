@@ -39,7 +39,7 @@ COLUMNS = [*KEY[:-1], "seconds", "seed", "reached", "held", "steps"]
 
 def protocols() -> Iterator[tuple[str, pd.DataFrame]]:
     """Yields the protocols that there are episodes of, and their success rates in the order of tasks and methods."""
-    episodes = pd.read_parquet(EPISODES).assign(step=1)
+    episodes = pd.read_parquet(EPISODES).assign(step=1, demonstrations=0)  # the protocol tells them
     for column, order in (("task", list(surrol_gym.TASKS)), ("method", list(METHODS))):
         episodes[column] = pd.Categorical(episodes[column], order)
     episodes = episodes.sort_values(["task", "method"], kind="stable").astype({"task": str, "method": str})

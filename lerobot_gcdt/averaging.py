@@ -52,8 +52,8 @@ class AveragedWeights(nn.Module):
         for name, parameter in self.named_parameters() if steps else ():
             self.resting.register_buffer(_name_at_rest(name), parameter.detach().clone())
 
-    def update(self) -> None:
-        """Takes the weights of another step into the average; `lerobot-train` calls it after each."""
+    def average_weights(self) -> None:
+        """Takes the present weights into the average; every step of training begins with it."""
         if not self.average_steps:
             return
         step = int(self.training_step)

@@ -44,7 +44,7 @@ def wheels(tmp_path_factory) -> dict[Path, zipfile.ZipFile]:
     folder = tmp_path_factory.mktemp("distributions")
     source = folder / "source"
     ignored = shutil.ignore_patterns("__pycache__", "build", "dist", "*.egg-info", ".venv")
-    for name in ("surrol_gym", "lerobot_gcdt", "tests", "tools"):
+    for name in ("surrol_gym", "lerobot_gcdt", "gcdt_cli", "tests", "tools"):
         shutil.copytree(ROOT / name, source / name, ignore=ignored)
     for path in (*ROOT.glob("*.py"), *(ROOT / name for name in ("pyproject.toml", "README.md", "LICENSE"))):
         shutil.copy(path, source)

@@ -80,6 +80,7 @@ class BCPolicy(AveragedWeights, PreTrainedPolicy):
         index = batch["index"].to(self.mean.device)
         bank, config = to_train_on(self._bank, index.device), self.config
         if self.training:
+            self.average_weights()
             pieces = bank.draw_pieces(index, 1, self.training_step, config.frames_per_sample)
             self.training_step += 1
         else:

@@ -102,6 +102,7 @@ class DTPolicy(AveragedWeights, PreTrainedPolicy):
         self._returns = self._returns.to(index.device)
         first, source = index, torch.arange(len(index), device=index.device)
         if self.training:
+            self.average_weights()
             pieces = bank.draw_pieces(index, 1, self.training_step, self.config.windows_per_sample)
             first, source = pieces.first, pieces.source
             self.training_step += 1

@@ -129,6 +129,7 @@ class GCDTPolicy(AveragedWeights, PreTrainedPolicy):
             KeyError, ValueError: Windows lack something or do not fit their task.
         """
         if self.training:
+            self.average_weights()
             self.training_step += 1
         index = batch["index"].to(self.training_step.device)
         windows = STATE in batch and batch[STATE].ndim == 3

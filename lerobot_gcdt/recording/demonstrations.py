@@ -38,8 +38,8 @@ RECORDING_FILE = "meta/surrol.json"
 PARTS_NOTE, UNFINISHED_NOTE = "recording.json", "recording.unfinished"
 """In the folder of finished episodes: the recording that they belong to, and its name while it is written."""
 
-PUSH_RATE, PUSH_RATE_SLOW, SLOW_ACTION = 0.05, 0.12, 0.2
-"""Probability of a push in a step of a disturbed episode, the same while the expert moves slowly, and what is slow."""
+PUSH_RATE = 0.2
+"""Probability of a push in a step of a disturbed episode (examples/paper_table/notes.md#how-often-to-push)."""
 
 PUSHES = 1
 """Tells the random stream of an episode's pushes from that of its start, which the seed alone makes."""
@@ -211,8 +211,8 @@ def run_episode(
     """Runs the expert, or a policy that it corrects, for one episode, to the time limit.
 
     Demonstrations that never err do not show how to correct, and a policy cloned from them soon stops correcting.
-    Disturbed ones do: now and then an arm is pushed sideways, backwards or turned for a step, more often where the
-    expert moves slowly because precision matters. Never is it pushed ahead, where the jaws point, and the jaws obey.
+    Disturbed ones do: now and then an arm is pushed sideways, backwards or turned for a step. Never is it pushed ahead,
+    where the jaws point, and the jaws obey.
     The recorded action is always the expert's own; ``env.step(action + disturbance)`` replays the episode exactly.
     Where a policy acts, the disturbance is what its action, and a push, differ from the expert's by.
 
@@ -235,7 +235,7 @@ def run_episode(
     while not truncated:
         action = expert.act(info.get("true_observation", observation))
         chosen = choose(observation, action) if choose else action
-        push = disturb * _push(rng, chosen, unwrapped(env).mounts)
+        push = disturb * _push(rng, unwrapped(env).mounts)
         disturbance = (chosen - action) + push + 0.0  # turns -0 into 0
         frame = observation | extras.observe(env) | {"action": action, "disturbance": disturbance}
         observation, reward, _, truncated, info = env.step(action + disturbance)
@@ -243,13 +243,12 @@ def run_episode(
     return {key: np.stack([frame[key] for frame in frames]) for key in frames[0]}
 
 
-def _push(rng: np.random.Generator, action: np.ndarray, mounts: tuple[Mount, ...]) -> np.ndarray:
+def _push(rng: np.random.Generator, mounts: tuple[Mount, ...]) -> np.ndarray:
     """Draws pushes in the direction of each arm's first four numbers; most of the time they are zero."""
-    push = np.zeros_like(action)
+    push = np.zeros(5 * len(mounts), np.float32)
     for arm, mount in enumerate(mounts):
         numbers = slice(5 * arm, 5 * arm + 4)
-        slow = np.abs(action[numbers]).max() < SLOW_ACTION
-        if rng.random() < (PUSH_RATE_SLOW if slow else PUSH_RATE):
+        if rng.random() < PUSH_RATE:
             push[numbers] = rng.uniform(-1, 1, 4)
             motion, ahead = push[numbers][:3], mount.tool_direction()
             motion -= 2 * max(motion @ ahead, 0) * ahead

@@ -16,11 +16,11 @@ def trained(average_steps: int, steps: int = 4) -> BCPolicy:
     """A policy of which every weight rises by one in each step of its training."""
     policy = BCPolicy(BCConfig(average_steps=average_steps, **SIZES))
     for _ in range(steps):
+        policy.average_weights()
         policy.training_step += 1
         with torch.no_grad():
             for parameter in policy.parameters():
                 parameter.add_(1)
-        policy.update()
     return policy
 
 
@@ -40,15 +40,11 @@ def saved(policy, folder):
 
 
 def test_it_acts_with_an_exponential_average_and_trains_with_the_weights():
-    policy = trained(average_steps=1)
-    in_training = weights(policy)
-    assert_same(weights(policy.eval()), in_training)  # an average over one step
     policy = trained(average_steps=5, steps=60)
     in_training = weights(policy)
-    behind = 0.0
-    for step in range(1, 61):
-        decay = min(1 - 1 / 5, (1 + step) / (10 + step))
-        behind = decay * (behind + 1)
+    behind = 0.0  # the last step has not been taken in
+    for step in range(60):
+        behind = min(1 - 1 / 5, (1 + step) / (10 + step)) * behind + 1
     for name, average in weights(policy.eval()).items():
         torch.testing.assert_close(average, in_training[name] - behind)
     assert_same(weights(policy.train()), in_training)
