@@ -31,6 +31,9 @@ METHODS = {
 }
 """The methods in the order of their columns, and what they are called there."""
 
+DEMONSTRATIONS = {"published-100": "100 demonstrations", "published-large": "440 demonstrations"}
+"""What the README shows of each of these protocols: the methods that were tried in all tasks."""
+
 STARTS = range(400_000, 400_200)
 PAPER = (1.00, 0.95, 1.00, 0.84, 0.74, 0.42, 1.00, 0.48, 0.30, 0.37)  # Fu et al. 2024, table II
 KEY = ["protocol", "method", "task", "training_seed", "seed"]
@@ -49,28 +52,27 @@ def protocols() -> Iterator[tuple[str, pd.DataFrame]]:
 
 def tables() -> Iterator[tuple[Path, str, str]]:
     """Yields the documents, the names of their sections, and what these should hold."""
+    whole: dict[str, pd.DataFrame] = {}
     for protocol, rates in protocols():
-        rates = rates.set_index(["task", "method"])
-        methods = [method for method in METHODS if method in rates.index.levels[1]]
-        if protocol == "published-large":
-            whole = [method for method in methods if len(rates.xs(method, level="method")) == len(PAPER)]
-            yield README, "results", _table(rates, whole, _pair)
-        yield RESULTS, protocol, _table(rates, methods, _with_interval)
+        by_method = {name: rates[rates.method == method].set_index("task") for method, name in METHODS.items()}
+        columns = {name: rows for name, rows in by_method.items() if len(rows)}
+        yield RESULTS, protocol, _table(columns, _with_interval)
+        for name, rows in columns.items():
+            if protocol in DEMONSTRATIONS and len(rows) == len(PAPER):
+                whole[f"{name}, {DEMONSTRATIONS[protocol]}"] = rows
+    yield README, "results", _table(whole, _pair)
 
 
-def _table(rates: pd.DataFrame, methods: list[str], write: Callable[[pd.Series], str]) -> str:
-    lines = [
-        f"| task | {' | '.join(METHODS[method] for method in methods)} | GCDT in the paper |",
-        "| --- |" + " --- |" * (len(methods) + 1),
-    ]
+def _table(columns: dict[str, pd.DataFrame], write: Callable[[pd.Series], str]) -> str:
+    """Writes a table with a column for each of some rates by task."""
+    lines = [f"| task | {' | '.join(columns)} | GCDT in the paper |", "| --- |" + " --- |" * (len(columns) + 1)]
     for task, paper in zip(surrol_gym.TASKS, PAPER, strict=True):
-        cells = [write(rates.loc[task, method]) if (task, method) in rates.index else "" for method in methods]
+        cells = [write(rates.loc[task]) if task in rates.index else "" for rates in columns.values()]
         if any(cells):
             lines.append(f"| {task} | {' | '.join(cells)} | {_short(paper)} |")
-    means = [rates.xs(method, level="method")[["reached", "held"]] for method in methods]
-    cells = [_pair(rows.mean()) if len(rows) == len(PAPER) else "" for rows in means]
-    if any(cells):
-        lines.append(f"| mean | {' | '.join(cells)} | {_short(sum(PAPER) / len(PAPER))} |")
+    means = [_pair(rates[["reached", "held"]].mean()) if len(rates) == len(PAPER) else "" for rates in columns.values()]
+    if any(means):
+        lines.append(f"| mean | {' | '.join(means)} | {_short(sum(PAPER) / len(PAPER))} |")
     return "\n".join(lines) + "\n"
 
 
