@@ -7,7 +7,10 @@ from lerobot_gcdt.policy.transformer import KeyValueCache
 
 
 class History:
-    """Keys and values of the last tokens in every layer, the steps that these belong to, and the last actions.
+    """Keys and values of the last tokens in every layer, the steps that these belong to, and what came of the last.
+
+    ``last_action`` is the last action of each episode, and ``last_state`` the hidden state of its last observation, if
+    it has not seen time-to-goal, shape (B, W).
 
     Args:
         tasks: Task sentence of each episode.
@@ -21,6 +24,7 @@ class History:
         self.caches = [KeyValueCache(slots) for _ in range(layers)]
         self.step = 0
         self.last_action: Tensor | None = None
+        self.last_state: Tensor | None = None
         self._tokens = 0
         self._token_step = torch.zeros(slots, dtype=torch.long, device=device)
 

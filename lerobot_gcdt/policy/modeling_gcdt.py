@@ -263,20 +263,39 @@ class GCDTPolicy(AveragedWeights, PreTrainedPolicy):
         rows = {task: [i for i, t in enumerate(tasks) if t == task] for task in dict.fromkeys(tasks)}
         with self._full_precision():
             items = {key: batch[key].float() for key in (GOAL, ACHIEVED_GOAL, STATE)}
-            if self.config.time_to_goal_dropout == 0:
+            if not self._tells_time_to_goal:
                 times = [self._countdown(task, history.step) for task in tasks]
                 items[TIME_TO_GOAL] = torch.tensor(times, device=device)[:, None]
-            elif self.config.predicts_time_to_goal:
-                state, tokens = self._see(history, rows, items)
+            state, tokens = self._see(history, rows, items)
+            if self._tells_time_to_goal:
+                history.last_state = state
+            if self.config.predicts_time_to_goal:
                 history.forget(tokens)
-                items[TIME_TO_GOAL] = torch.zeros(len(tasks), 1, device=device)
-                for task, chosen in rows.items():
-                    items[TIME_TO_GOAL][chosen] = self.modules_of(task).predict_time_to_goal(state[chosen])
-            state, _ = self._see(history, rows, items)
+                items[TIME_TO_GOAL] = self.predict_time_to_goal()[:, None]
+                state, _ = self._see(history, rows, items)
             action = self._act(state, {task: (torch.tensor(i, device=device),) for task, i in rows.items()})
         history.last_action = action
         history.step += 1
         return action
+
+    @torch.no_grad()
+    def predict_time_to_goal(self) -> Tensor:
+        """Predicts how many steps the running episodes still need, from what ``select_action`` saw last.
+
+        Returns:
+            Steps, shape (B,); around 0 when the goal is reached.
+
+        Raises:
+            RuntimeError: No episode is running, or the policy is told its time-to-goal (``time_to_goal_dropout`` 0), so
+                that it could only repeat it.
+        """
+        if not self._tells_time_to_goal:
+            raise RuntimeError("A policy with time_to_goal_dropout=0 is told its time-to-goal and does not predict it.")
+        if self._history is None or self._history.last_state is None:
+            raise RuntimeError("No episode is running; predict time-to-goal after select_action.")
+        state = self._history.last_state
+        times = [self.modules_of(task).predict_time_to_goal(state[i]) for i, task in enumerate(self._history.tasks)]
+        return torch.cat(times)
 
     def predict_action_chunk(self, batch: dict[str, Tensor]) -> Tensor:
         """Returns ``select_action`` as a chunk of one step, shape (B, 1, A)."""
@@ -352,6 +371,11 @@ class GCDTPolicy(AveragedWeights, PreTrainedPolicy):
             of_kind = self.hidden_tokens[[ORDER.index(key) for key in keys]]
             tokens = torch.where(hidden[..., None], of_kind, tokens)
         return tokens + self._embed_time(sequences.timestep)[:, :, None]
+
+    @property
+    def _tells_time_to_goal(self) -> bool:
+        """Whether states are hidden from time-to-goal, so that their head predicts it."""
+        return self.config.time_to_goal_dropout > 0
 
     @property
     def _sees_actions(self) -> bool:

@@ -271,6 +271,30 @@ def test_a_policy_without_a_clock_learns_to_predict_time_to_goal(policy):
     assert (predicted - steps.items[TIME_TO_GOAL]).abs().mean() < 3
 
 
+@pytest.mark.parametrize("dropout", [0.5, 1.0])
+def test_a_running_policy_tells_how_many_steps_it_still_needs(two_task_policy, dropout):
+    two_task_policy.config.time_to_goal_dropout = dropout
+    batch = {**observation(3), "task": [PICK, PICK, PICK]}
+    two_task_policy.eval().reset()
+    two_task_policy.select_action(batch)
+    left = two_task_policy.predict_time_to_goal()
+    assert left.shape == (3,) and (left >= 0).all()
+    assert torch.equal(two_task_policy.predict_time_to_goal(), left), "asking changes nothing"
+    two_task_policy.reset()
+    two_task_policy.select_action(rows(batch, slice(1, 2)))
+    torch.testing.assert_close(two_task_policy.predict_time_to_goal(), left[1:2])
+
+
+def test_time_to_goal_is_told_while_episodes_run_by_policies_that_predict_it(policy, paper_policy):
+    policy.eval().reset()
+    with pytest.raises(RuntimeError, match="No episode is running"):
+        policy.predict_time_to_goal()
+    paper_policy.eval().reset()
+    paper_policy.select_action(observation(1))
+    with pytest.raises(RuntimeError, match="time_to_goal_dropout=0 is told"):
+        paper_policy.predict_time_to_goal()
+
+
 def test_a_chunk_is_one_action(policy):
     policy.eval()
     batch = observation(3)
