@@ -1,14 +1,15 @@
 """The goal-conditioned decision transformer and the SurRoL environments as LeRobot plugins.
 
-Importing the package registers the policy types ``gcdt``, ``bc``, ``dt`` and ``vinn``; where PyBullet is installed also
-the environment type ``surrol``, the robot types ``surrol_psm`` and ``dvrk_psm``, and the teleoperator type
-``psm_keyboard``. Policies are trained and loaded without it.
+Importing the package registers the policy types ``gcdt``, ``bc``, ``dt``, ``vinn`` and ``iql``; where PyBullet is
+installed also the environment type ``surrol``, the robot types ``surrol_psm`` and ``dvrk_psm``, and the teleoperator
+type ``psm_keyboard``. Policies are trained and loaded without it.
 """
 
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from lerobot_gcdt.baselines.configuration_iql import IQLConfig
 from lerobot_gcdt.baselines.modeling_bc import BCPolicy
 from lerobot_gcdt.baselines.modeling_dt import DTPolicy
 from lerobot_gcdt.baselines.modeling_vinn import VINNPolicy
@@ -25,6 +26,7 @@ __all__ = [
     "DTPolicy",
     "GCDTConfig",
     "GCDTPolicy",
+    "IQLConfig",
     "VINNPolicy",
     "make_gcdt_pre_post_processors",
 ]

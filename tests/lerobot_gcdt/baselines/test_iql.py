@@ -1,0 +1,103 @@
+"""Implicit Q-learning: it learns values from rewards, and imitates the better actions more."""
+
+import pytest
+import torch
+from lerobot.configs.policies import PreTrainedConfig
+from lerobot.policies.factory import get_policy_class
+
+from lerobot_gcdt.baselines import configuration_iql
+from lerobot_gcdt.baselines.configuration_iql import IQLConfig
+from lerobot_gcdt.baselines.modeling_iql import IQLPolicy
+from lerobot_gcdt.errors import OptionError
+from lerobot_gcdt.keys import ACHIEVED_GOAL, GOAL, STATE
+
+
+@pytest.fixture
+def policy(needle_pick_meta):
+    torch.manual_seed(0)
+    config = IQLConfig(hidden_sizes=(32, 32), device="cpu", push_to_hub=False)
+    return IQLPolicy(config, dataset_meta=needle_pick_meta)
+
+
+def observation(batch):
+    return {STATE: torch.randn(batch, 19), GOAL: torch.randn(batch, 3), ACHIEVED_GOAL: torch.randn(batch, 3)}
+
+
+def train(policy, steps):
+    optimiser = torch.optim.AdamW(policy.get_optim_params(), lr=3e-3)
+    policy.train()
+    for _ in range(steps):
+        policy.forward({"index": torch.arange(0, 200, 50)})[0].backward()
+        optimiser.step()
+        optimiser.zero_grad()
+    return policy.eval()
+
+
+def test_lerobot_knows_it_by_name():
+    assert PreTrainedConfig.get_choice_class("iql") is IQLConfig
+    assert get_policy_class("iql") is IQLPolicy
+
+
+def test_training_lowers_the_error_of_the_actions(policy):
+    batch = {"index": torch.arange(200)}
+    before = policy.eval().forward(batch)[0]
+    assert train(policy, 150).forward(batch)[0] < before / 3
+
+
+def test_values_rise_towards_the_goal(policy):
+    train(policy, 300)
+    seen = policy._seen({key: value[:50] for key, value in policy._bank.items.items()})
+    with policy.iql.value_network_params.to_module(policy.iql.value_network):
+        values = policy.iql.value_network(observation=seen)
+    assert values[-5:].mean() > values[:5].mean() + 0.5
+
+
+def test_targets_follow_the_action_values_slowly(policy):
+    before = policy.iql.target_qvalue_network_params.clone()
+    train(policy, 3)
+    moved = (policy.iql.target_qvalue_network_params - before).abs().sum()
+    ahead = (policy.iql.qvalue_network_params - policy.iql.target_qvalue_network_params).abs().sum()
+    for key in moved.keys(True, True):
+        assert moved[key] < ahead[key] / 10
+    assert max(moved.values(True, True)) > 0
+
+
+def test_what_is_saved_acts_and_trains_on_alike(policy, needle_pick_meta, tmp_path):
+    train(policy, 3).save_pretrained(tmp_path)
+    loaded = IQLPolicy.from_pretrained(tmp_path, dataset_meta=needle_pick_meta)
+    batch = observation(4)
+    assert torch.equal(loaded.select_action(batch), policy.select_action(batch))
+    index = {"index": torch.arange(0, 200, 20)}
+    assert torch.equal(loaded.train().forward(index)[0], policy.train().forward(index)[0])
+
+
+def test_the_last_frame_of_an_episode_is_followed_by_itself(policy, monkeypatch):
+    seen = []
+    monkeypatch.setattr(policy.iql, "forward", lambda data: seen.append(data) or {})
+    monkeypatch.setattr(policy.config, "frames_per_sample", 400)
+    with pytest.raises(KeyError):
+        policy.forward({"index": torch.tensor([0])})
+    [data] = seen
+    same = (data["observation"] == data["next", "observation"]).all(-1)
+    assert same.any() and not same.all()
+
+
+@pytest.mark.parametrize(
+    ("changed", "told"),
+    [
+        ({"expectile": 0.0}, "expectile must lie in .0, 1., got 0.0"),
+        ({"discount": 2.0}, "discount must lie"),
+        ({"temperature": -1.0}, "temperature must not be negative, got -1.0"),
+        ({"frames_per_sample": 0}, "frames_per_sample must be positive, got 0"),
+    ],
+    ids=lambda value: str(value) if isinstance(value, dict) else "",
+)
+def test_bad_options_are_named(changed, told):
+    with pytest.raises(OptionError, match=told):
+        IQLConfig(**changed)
+
+
+def test_without_torchrl_the_extra_is_named(monkeypatch):
+    monkeypatch.setattr(configuration_iql, "find_spec", lambda name: None)
+    with pytest.raises(OptionError, match=r"needs torchrl: pip install 'lerobot_policy_gcdt\[iql\]'"):
+        IQLConfig()
