@@ -135,7 +135,7 @@ def test_both_compile_pybullet_with_numpy():
 @pytest.mark.parametrize(
     ("project", "extras", "names"),
     [
-        (PLUGIN, ("dvrk", "robots", "executors"), (*CONTENTS[PLUGIN], "examples")),
+        (PLUGIN, ("dvrk", "robots", "executors", "iql"), (*CONTENTS[PLUGIN], "examples")),
         (PLUGIN, ("test",), ("tests", "tools")),
         (SIMULATOR, ("window",), CONTENTS[SIMULATOR]),
     ],
