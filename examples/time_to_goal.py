@@ -60,10 +60,11 @@ def predictions(policy: ProcessedPolicy, task: str, seeds: list[int]) -> tuple[n
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--policy", default=str(GENERALIST), help="folder or repository of a checkpoint")
+    parser.add_argument("--tasks", help="tasks, separated by commas (default: all that the policy knows)")
     parser.add_argument("--starts", type=int, default=50, help="how many (default 50, from seed 20000 on)")
     parser.add_argument("--output", type=Path, default=Path("outputs/time_to_goal.png"), help="the picture")
     options = parser.parse_args()
-    policy, tasks = load_policy(options.policy), tasks_of(options.policy, None)
+    policy, tasks = load_policy(options.policy), tasks_of(options.policy, options.tasks and options.tasks.split(","))
     columns = min(len(tasks), 5)
     rows = -(-len(tasks) // columns)
     figure = Figure(figsize=(2.6 * columns + 0.6, 2.6 * rows + 0.4), layout="constrained")

@@ -70,7 +70,7 @@ class GCDTConfig(SingleFrames):
         optimizer_lr: Peak learning rate of AdamW.
         optimizer_eps: What AdamW adds to the root mean square that it divides gradients by. With PyTorch's 1e-8 one
             that had learned NeedleReach to the last digit blew up: its gradients had become so small that the next
-            larger one moved it out of reach (docs/results.md).
+            larger one moved it out of reach (examples/paper_table/notes.md#with-100-demonstrations).
         optimizer_weight_decay: Weight decay of AdamW.
         optimizer_grad_clip_norm: Norm at which gradients are clipped.
         scheduler_warmup_steps: Steps of linear warm-up, shrunk in proportion when training is shorter than

@@ -4,8 +4,6 @@ import numpy as np
 import time_to_goal
 import torch
 
-import surrol_gym
-
 
 class Prophet:
     """Never moves, and always says seven; without processors."""
@@ -45,6 +43,6 @@ def test_steps_are_counted_down_to_the_first_success(monkeypatch):
 
 def test_the_built_in_policy_is_drawn(tmp_path, run_example):
     picture = tmp_path / "pictures/time_to_goal.png"
-    printed = run_example("time_to_goal", "--starts=2", f"--output={picture}")
-    assert printed.count("steps off on average") == len(surrol_gym.TASKS)
+    printed = run_example("time_to_goal", "--tasks=NeedleReach,NeedlePick", "--starts=2", f"--output={picture}")
+    assert printed.count("steps off on average") == 2
     assert picture.read_bytes().startswith(b"\x89PNG")
