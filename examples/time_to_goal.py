@@ -72,6 +72,10 @@ def main() -> None:
     seeds = list(range(20_000, 20_000 + options.starts))
     for task, axes in zip(tqdm(tasks, unit="task"), panels, strict=False):
         left, told = predictions(policy, task, seeds)
+        if not len(left):
+            print(f"{task}: no episode succeeded")
+            axes.set_axis_off()
+            continue
         error, spread = np.abs(told - left).mean(), np.abs(left - left.mean()).mean()
         print(f"{task}: {error:.1f} steps off on average; always to say the mean would be {spread:.1f} off")
         steps = np.unique(left)

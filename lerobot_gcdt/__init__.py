@@ -41,6 +41,10 @@ if find_spec("pybullet"):  # which is loaded when an environment is made, not be
 
 
 def __getattr__(name: str) -> Any:
+    if name == "IQLPolicy":  # needs torchrl, which takes seconds to import
+        from lerobot_gcdt.baselines.modeling_iql import IQLPolicy
+
+        return IQLPolicy
     if name == "SurRoLEnvConfig":
         raise ImportError("The environment type surrol needs PyBullet, which is not installed: `pip install pybullet`.")
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

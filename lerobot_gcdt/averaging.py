@@ -37,7 +37,8 @@ class AveragedWeights(nn.Module):
 
         Args:
             steps: Steps that the average looks back on, or a ninth of those so far if they are fewer; 0 for none. Older
-                weights fade exponentially.
+                weights fade exponentially. What begins with a checkpoint goes on with its average and its number of
+                steps, so a short fine-tuning needs a smaller number.
 
         Raises:
             OptionError: The number is negative.
@@ -58,17 +59,28 @@ class AveragedWeights(nn.Module):
             return
         step = int(self.training_step)
         decay = min(1 - 1 / self.average_steps, (1 + step) / (10 + step))
-        get_ema_multi_avg_fn(decay)([*self.resting.buffers()], [*self.parameters()], step)
+        parameters, averages = zip(*self._pairs(), strict=True)
+        get_ema_multi_avg_fn(decay)(averages, parameters, step)
 
     def train(self, mode: bool = True) -> Self:
         """Changes between the weights in training and their average, as the modes do."""
         if mode != self.training and self.average_steps:
             with torch.no_grad():
-                for parameter, resting in zip(self.parameters(), self.resting.buffers(), strict=True):
+                for parameter, resting in self._pairs():
                     before = parameter.clone()
                     parameter.copy_(resting)
                     resting.copy_(before)
         return super().train(mode)
+
+    def _pairs(self) -> list[tuple[Tensor, Tensor]]:
+        """The parameters, and what rests of each."""
+        parameters, resting = [*self.parameters()], [*self.resting.buffers()]
+        if len(parameters) != len(resting):
+            raise OptionError(
+                f"The policy has {len(parameters)} parameters and an average of {len(resting)}; where adapters (PEFT) "
+                "are trained, set policy.average_steps=0."
+            )
+        return [*zip(parameters, resting, strict=True)]
 
 
 def without_resting(names: Iterable[str]) -> set[str]:
@@ -80,7 +92,7 @@ def _name_at_rest(name: str) -> str:
     return name.replace(".", "/")  # a buffer's name holds no dots
 
 
-def _pairs(policy: AveragedWeights, prefix: str) -> list[tuple[str, str]]:
+def _names(policy: AveragedWeights, prefix: str) -> list[tuple[str, str]]:
     """The names of parameters and of what rests, in a state dictionary."""
     names = [name for name, _ in policy.named_parameters()]
     return [(prefix + name, f"{prefix}{RESTING}.{_name_at_rest(name)}") for name in names]
@@ -89,13 +101,13 @@ def _pairs(policy: AveragedWeights, prefix: str) -> list[tuple[str, str]]:
 def _name_by_role(policy: AveragedWeights, state: dict[str, Any], prefix: str, *_: Any) -> None:
     """Gives the average the names of the parameters; a hook of ``state_dict``."""
     if policy.training and policy.average_steps:
-        for name, resting in _pairs(policy, prefix):
+        for name, resting in _names(policy, prefix):
             state[name], state[resting] = state[resting], state[name]
 
 
 def _take_by_role(policy: AveragedWeights, state: dict[str, Any], prefix: str, *_: Any) -> None:
     """The reverse, a hook of ``load_state_dict``; older files and smaller ones hold nothing at rest."""
-    for name, resting in _pairs(policy, prefix):
+    for name, resting in _names(policy, prefix):
         if not policy.average_steps:
             state.pop(resting, None)
         elif name in state:

@@ -17,7 +17,7 @@ from lerobot_gcdt.baselines.one_task import open_one_task, state_and_goal, to_tr
 from lerobot_gcdt.data.acting_batch import with_goals
 from lerobot_gcdt.data.columns import read_columns
 from lerobot_gcdt.data.statistics import mean_and_std
-from lerobot_gcdt.keys import ACTION, REWARD
+from lerobot_gcdt.keys import ACTION, REWARD, STATE
 
 
 class Actor(nn.Module):
@@ -67,8 +67,8 @@ class IQLPolicy(AveragedWeights, PreTrainedPolicy):
         self.register_buffer("std", torch.ones(inputs))
         self.register_buffer("training_step", torch.tensor(0))
         """Batches that training has seen; what is drawn for a frame changes with it."""
-        self.actor = Actor(inputs, action, config.hidden_sizes)
-        distribution = TensorDictModule(self.actor, in_keys=["observation"], out_keys=["loc", "scale"])
+        actor = Actor(inputs, action, config.hidden_sizes)
+        distribution = TensorDictModule(actor, in_keys=["observation"], out_keys=["loc", "scale"])
         self.iql = IQLLoss(
             ProbabilisticActor(distribution, in_keys=["loc", "scale"], distribution_class=IndependentNormal),
             ValueOperator(MLP(inputs + action, 1, **hidden), in_keys=["observation", "action"]),
@@ -107,7 +107,7 @@ class IQLPolicy(AveragedWeights, PreTrainedPolicy):
         bank = to_train_on(self._bank, index.device)
         if not self.training or reduction == "none":
             items = {key: value[index] for key, value in bank.items.items()}
-            errors = (self.actor(self._seen(items))[0] - items[ACTION]).square().mean(-1)
+            errors = (self._mean_action(items) - items[ACTION]).square().mean(-1)
             return (errors if reduction == "none" else errors.mean()), {"action_loss": errors.mean().item()}
         self.average_weights()
         if self.training_step:
@@ -128,7 +128,7 @@ class IQLPolicy(AveragedWeights, PreTrainedPolicy):
     @torch.no_grad()
     def select_action(self, batch: dict[str, Tensor]) -> Tensor:
         """Returns the action of each row of ``observation.*``, shape (B, A); a robot's state may hold the goals."""
-        return self.actor(self._seen(with_goals(batch, self.config.task_dims)))[0]
+        return self._mean_action(with_goals(batch, self.config.task_dims))
 
     def predict_action_chunk(self, batch: dict[str, Tensor]) -> Tensor:
         """Returns ``select_action`` as a chunk of one step, shape (B, 1, A)."""
@@ -140,6 +140,11 @@ class IQLPolicy(AveragedWeights, PreTrainedPolicy):
     def get_optim_params(self) -> Iterator[nn.Parameter]:
         """Returns the parameters of actor, values and action values."""
         return self.parameters()
+
+    def _mean_action(self, items: dict[str, Tensor]) -> Tensor:
+        seen = TensorDict({"observation": self._seen(items)}, batch_size=[len(items[STATE])])
+        with self.iql.actor_network_params.to_module(self.iql.actor_network):
+            return self.iql.actor_network.get_dist(seen).mean
 
     def _seen(self, items: dict[str, Tensor]) -> Tensor:
         return (state_and_goal(items) - self.mean) / self.std

@@ -22,7 +22,8 @@ from lerobot_gcdt.benchmark.report import write_report
 from lerobot_gcdt.evaluation import evaluate_checkpoint
 from lerobot_gcdt.evaluation.checkpoints import keep_episodes, keeps_other_sensors
 from lerobot_gcdt.evaluation.tasks import check_starts
-from lerobot_gcdt.recording.demonstrations import dataset_name
+from lerobot_gcdt.recording.demonstrations import RECORDING_FILE, dataset_name
+from lerobot_gcdt.recording.facts import recordings, task_of
 from lerobot_gcdt.training import train, training_seconds
 from surrol_gym.registry import find_task, task_name
 from surrol_gym.wrappers import PERFECT, complete_sensors
@@ -49,7 +50,7 @@ class Cell(NamedTuple):
         task: Name of the task.
         seed: Seed of the training.
         dataset: Folder of the dataset.
-        demonstrations: Episodes of the dataset.
+        demonstrations: Episodes of the task that it learns from.
         some: Whether it learns from the first ones only.
     """
 
@@ -190,6 +191,8 @@ class Benchmark:
         file, sensors = Path(self.output) / EPISODES_FILE, complete_sensors(self.sensors)
         if keeps_other_sensors(file, sensors):
             raise ValueError(f"{self.output} keeps episodes of other sensors than {sensors}; choose another --output.")
+        if file.exists() and not set(CELL) <= set(pd.read_parquet(file).columns):
+            raise ValueError(f"{file} was written by an earlier version; choose another --output.")
         _check_folders(Path(self.output), methods)
         kept, starts = self._kept(cells).groupby(CELL).size(), len(self.starts)
         unfinished = [cell for cell in cells if kept.get(cell.key) != cell.method.points * starts]
@@ -208,11 +211,10 @@ class Benchmark:
 def _cell(datasets: Path, method: Method, task: str, seed: int, demonstrations: int | None) -> Cell:
     """A cell, if there is a dataset that it can learn from."""
     root = datasets / (method.dataset or dataset_name(task))
-    facts = root / "meta/info.json"
-    if not facts.exists():
+    if not (root / "meta/info.json").exists():
         records = f"--all --root {datasets}" if method.dataset else f"--task {task} --root {root}"
         raise FileNotFoundError(f"{root} holds no dataset; `gcdt record {records}` records one.")
-    there = json.loads(facts.read_text())["total_episodes"]
+    there = _demonstrations(root, task)
     if demonstrations is None:
         return Cell(method, task, seed, root, there)
     if method.dataset:
@@ -220,6 +222,14 @@ def _cell(datasets: Path, method: Method, task: str, seed: int, demonstrations: 
     if not 1 <= demonstrations <= there:
         raise ValueError(f"{root} holds {there} demonstrations, so a training cannot learn from {demonstrations}.")
     return Cell(method, task, seed, root, demonstrations, some=demonstrations < there)
+
+
+def _demonstrations(root: Path, task: str) -> int:
+    """The episodes of a task in a dataset, or all where it does not tell them apart."""
+    facts = root / RECORDING_FILE
+    parts = recordings(json.loads(facts.read_text())) if facts.exists() else []
+    of_task = sum(part["episodes"] for part in parts if task_of(part) == task)
+    return of_task or json.loads((root / "meta/info.json").read_text())["total_episodes"]
 
 
 def _check_once(what: str, values: Sequence[str | int]) -> None:

@@ -35,5 +35,5 @@ class SingleFrames(PreTrainedConfig):
 
     @property
     def reward_delta_indices(self) -> None:
-        """Rewards are not used."""
+        """The loader need not give them."""
         return None

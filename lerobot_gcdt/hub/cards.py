@@ -14,7 +14,7 @@ from huggingface_hub import DatasetCardData
 
 from lerobot_gcdt.hub.card_tables import number_tables, other_keys
 from lerobot_gcdt.hub.docstrings import sections
-from lerobot_gcdt.recording.demonstrations import PUSH_RATE, dataset_name
+from lerobot_gcdt.recording.demonstrations import dataset_name
 from lerobot_gcdt.recording.facts import card_facts, frames_of, is_human, is_imported, recordings, task_named, task_of
 from lerobot_gcdt.recording.features import NO_EXTRAS
 from lerobot_gcdt.recording.merging import PADDED_SIZES
@@ -341,10 +341,12 @@ def _pushes(parts: list[dict]) -> str:
     """What the pushes were, where there were any, and how to replay an episode."""
     levels = sorted({part["disturb"] for part in parts} - {0})
     size = " or ".join(f"{level:g}" for level in levels)
+    rates = sorted({part["push_rate"] for part in parts if "push_rate" in part})
+    often = f"in {' or '.join(map(_percent, rates))} of the steps, " if rates else ""
     pushes = _fill(
-        f"Now and then an arm was pushed for one step: in {_percent(PUSH_RATE)} of the steps, by up to {size} of a "
-        "full action in each direction and in the turn, but never ahead, where the jaws point. `action` is always the "
-        "expert's own and `disturbance` what was added to it, so the data show how to correct."
+        f"Now and then an arm was pushed for one step: {often}by up to {size} of a full action in each direction and "
+        "in the turn, but never ahead, where the jaws point. `action` is always the expert's own and `disturbance` "
+        "what was added to it, so the data show how to correct."
     )
     replay = REPLAY.format(env_id=f'"{parts[0]["env_id"]}"' if len(parts) == 1 else "env_id")
     return f"{pushes}\n\n{replay}" if levels else replay

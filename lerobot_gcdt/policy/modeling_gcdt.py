@@ -286,11 +286,14 @@ class GCDTPolicy(AveragedWeights, PreTrainedPolicy):
             Steps, shape (B,); around 0 when the goal is reached.
 
         Raises:
-            RuntimeError: No episode is running, or the policy is told its time-to-goal (``time_to_goal_dropout`` 0), so
-                that it could only repeat it.
+            RuntimeError: No episode is running, or the policy never learned it: it is told its time-to-goal
+                (``time_to_goal_dropout`` 0), or the objective was left out (``time_to_goal_weight`` 0).
         """
-        if not self._tells_time_to_goal:
-            raise RuntimeError("A policy with time_to_goal_dropout=0 is told its time-to-goal and does not predict it.")
+        if not self._tells_time_to_goal or not self.config.time_to_goal_weight:
+            raise RuntimeError(
+                "A policy with time_to_goal_dropout=0 is told its time-to-goal, and one with time_to_goal_weight=0 "
+                "never learned to predict it."
+            )
         if self._history is None or self._history.last_state is None:
             raise RuntimeError("No episode is running; predict time-to-goal after select_action.")
         state = self._history.last_state

@@ -64,6 +64,7 @@ class Recording:
         mix: Probability of the expert's action where the policy acts.
         human: Teleoperator with which a person acted; None where no person did.
         sensors: Arguments of the imperfect sensors that observations are recorded through; None for perfect ones.
+        push_rate: Share of the steps that are pushed; None without pushes.
     """
 
     env_id: str
@@ -76,6 +77,7 @@ class Recording:
     mix: float | None = None
     human: str | None = None
     sensors: dict[str, Any] | None = None
+    push_rate: float | None = None
 
     def facts(self) -> dict:
         """Returns what files say of it: a policy and a person only where there is one."""
@@ -172,6 +174,8 @@ def check_recording(
     if not 0 <= disturb <= 1:
         raise ValueError(f"The size of disturbances must lie in [0, 1], got {disturb}.")
     wanted = Recording(env_id, episodes, seed, float(disturb), extras, version("lerobot_policy_gcdt"))
+    if disturb:
+        wanted = replace(wanted, push_rate=PUSH_RATE)
     if learner:
         wanted = replace(wanted, policy=learner.name, mix=float(learner.mix))
     if person:

@@ -41,9 +41,7 @@ RECIPES = {
     ),
     ("gcdt", "generalist"): Recipe(30_000, 8, ("--policy.training_stage=finetune",)),
     # The full learning rate would undo what is learned.
-    ("gcdt", "finetune"): Recipe(
-        2_000, 4, ("--policy.training_stage=finetune", "--policy.optimizer_lr=5e-4", "--policy.average_steps=300")
-    ),
+    ("gcdt", "finetune"): Recipe(2_000, 4, ("--policy.training_stage=finetune", "--policy.optimizer_lr=5e-4")),
     ("gcdt", "scratch"): Recipe(12_000, 2),
     ("bc", "scratch"): Recipe(24_000, 4),
     ("dt", "scratch"): Recipe(5_000, 8),
@@ -118,6 +116,7 @@ def train(
     beginning = [
         f"--policy.path={start}" if start else f"--policy.type={policy}",
         *settings.options,
+        *(_short_average(policy, steps) if start else ()),
         "--policy.push_to_hub=false",
         *([f"--policy.device={device}"] if device else []),
         f"--dataset.repo_id=local/{dataset.name}",
@@ -134,6 +133,12 @@ def train(
         print("lerobot-train \\\n  " + " \\\n  ".join(map(shlex.quote, arguments)), flush=True)
         _run(arguments, output / LOSS_FILE, launcher)
     return checkpoint(output)
+
+
+def _short_average(policy: str, steps: int) -> list[str]:
+    """Lets the average of a policy's weights forget those that it begins with, if it keeps one."""
+    default = getattr(PreTrainedConfig.get_choice_class(policy), "average_steps", None)
+    return [] if default is None else [f"--policy.average_steps={max(1, min(default, steps // 7))}"]
 
 
 def _arguments_to_reach(steps: int, output: Path, beginning: list[str], policy: str, dataset: Path) -> list[str] | None:

@@ -62,8 +62,10 @@ def test_targets_follow_the_action_values_slowly(policy):
     assert max(moved.values(True, True)) > 0
 
 
-def test_what_is_saved_acts_and_trains_on_alike(policy, needle_pick_meta, tmp_path):
-    train(policy, 3).save_pretrained(tmp_path)
+@pytest.mark.parametrize("mode", [True, False], ids=["in training", "in evaluation"])
+def test_what_is_saved_acts_and_trains_on_alike(policy, needle_pick_meta, tmp_path, mode):
+    train(policy, 3).train(mode).save_pretrained(tmp_path)
+    policy.eval()
     loaded = IQLPolicy.from_pretrained(tmp_path, dataset_meta=needle_pick_meta)
     batch = observation(4)
     assert torch.equal(loaded.select_action(batch), policy.select_action(batch))

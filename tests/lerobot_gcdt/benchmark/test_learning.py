@@ -249,6 +249,13 @@ def test_a_method_may_learn_all_tasks_together(datasets, tmp_path, asked):
     assert set(episodes.task) == {"NeedleReach", "NeedlePick"}
 
 
+def test_of_several_tasks_each_counts_its_own_demonstrations(uneven_root, tmp_path, asked):
+    shutil.copytree(uneven_root, tmp_path / "datasets/all_tasks")  # four episodes of NeedlePick, one of NeedleReach
+    command = {"tasks": ["NeedleReach", "NeedlePick"], "methods": ["one=gcdt --dataset=all_tasks --steps=8"]}
+    episodes = benchmark(tmp_path / "datasets", tmp_path / "out", seeds=[0], starts=STARTS, **command)
+    assert dict(episodes.groupby("task").demonstrations.first()) == {"NeedlePick": 4, "NeedleReach": 1}
+
+
 def test_all_cells_see_through_the_same_sensors(datasets, tmp_path, asked):
     request = {"tasks": ["NeedleReach"], "methods": ["bc"], "seeds": [0], "starts": STARTS}
     episodes = benchmark(datasets, tmp_path, sensors={"position_std": 0.01}, **request)
@@ -307,6 +314,14 @@ def test_a_bad_request_is_told_before_anything_is_written(datasets, tmp_path, as
         benchmark(datasets, tmp_path / "new", **request)
     assert "\n" not in str(error.value)
     assert not asked and not list(tmp_path.iterdir())
+
+
+def test_episodes_that_do_not_tell_their_demonstrations_are_left_alone(datasets, tmp_path, asked):
+    benchmark(datasets, tmp_path, ["NeedleReach"], ["bc"], [0], starts=STARTS)
+    file = tmp_path / "episodes.parquet"
+    pd.read_parquet(file).drop(columns="demonstrations").to_parquet(file)
+    with pytest.raises(ValueError, match="written by an earlier version; choose another --output"):
+        benchmark(datasets, tmp_path, ["NeedleReach"], ["bc"], [0], starts=STARTS)
 
 
 def test_a_folder_with_something_else_is_left_alone(datasets, tmp_path, asked):

@@ -167,7 +167,9 @@ def test_failed_attempts_are_told_among_the_limits(needle_reach_root):
 
 
 def test_pushes_are_told_where_there_were_any(needle_reach_root, rich_root):
-    assert "was pushed" in dataset_card(rich_root) and "by up to 0.3 of" in " ".join(dataset_card(rich_root).split())
+    assert "was pushed" in dataset_card(rich_root) and "in 20 % of the steps, by up to 0.3 of" in (
+        " ".join(dataset_card(rich_root).split())
+    )
     assert "was pushed" not in dataset_card(needle_reach_root)
 
 

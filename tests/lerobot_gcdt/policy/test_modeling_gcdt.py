@@ -293,6 +293,10 @@ def test_time_to_goal_is_told_while_episodes_run_by_policies_that_predict_it(pol
     paper_policy.select_action(observation(1))
     with pytest.raises(RuntimeError, match="time_to_goal_dropout=0 is told"):
         paper_policy.predict_time_to_goal()
+    policy.select_action(observation(1))
+    policy.config.time_to_goal_weight = 0.0
+    with pytest.raises(RuntimeError, match="time_to_goal_weight=0 never learned"):
+        policy.predict_time_to_goal()
 
 
 def test_a_chunk_is_one_action(policy):
