@@ -6,9 +6,12 @@ errors grow along an episode. The average over many steps is steadier, and bette
 """
 
 from collections.abc import Iterable
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 import torch
+from safetensors import safe_open
+from safetensors.torch import save
 from torch import Tensor, nn
 from torch.optim.swa_utils import get_ema_multi_avg_fn
 
@@ -86,6 +89,19 @@ class AveragedWeights(nn.Module):
 def without_resting(names: Iterable[str]) -> set[str]:
     """Returns the names in a policy's file that are no weights at rest."""
     return {name for name in names if not name.startswith(f"{RESTING}.")}
+
+
+def acting_weights(file: Path) -> bytes | None:
+    """Returns a policy's file without the weights at rest: half of it, and the same policy; None where none rest.
+
+    Args:
+        file: A ``model.safetensors``. Training goes on from what is returned with the average.
+    """
+    with safe_open(file, "pt") as stream:
+        names = without_resting(stream.keys())
+        if len(names) == len(stream.keys()):
+            return None
+        return save({name: stream.get_tensor(name) for name in sorted(names)}, stream.metadata())
 
 
 def _name_at_rest(name: str) -> str:

@@ -16,6 +16,7 @@ from huggingface_hub.errors import HfHubHTTPError, LocalTokenNotFoundError, Repo
 from huggingface_hub.utils import validate_repo_id
 from lerobot.datasets.dataset_metadata import CODEBASE_VERSION
 
+from lerobot_gcdt.averaging import acting_weights
 from lerobot_gcdt.evaluation.pictures import halfway
 from lerobot_gcdt.hub.cards import PICTURES, dataset_card
 from lerobot_gcdt.hub.checks import (
@@ -31,6 +32,7 @@ from lerobot_gcdt.hub.model_card import model_card
 from lerobot_gcdt.recording.facts import card_facts, recordings, task_of
 from lerobot_gcdt.training import checkpoint
 
+WEIGHTS = "model.safetensors"
 SENT = (".json", ".md", ".mp4", ".parquet", ".png", ".safetensors")
 """Kinds of files that are published. Whatever else lies in a folder stays there."""
 
@@ -45,16 +47,17 @@ class Parcel:
     Attributes:
         kind: Kind of repository, ``"dataset"`` or ``"model"``.
         folder: Where the files are.
-        files: Their paths in the folder, which are those in the repository; without the card.
+        files: Paths of those that are sent as they are, the same in the repository.
         card: Text of the card.
-        pictures: Pictures that the card shows, PNG files by their paths in the repository.
+        made: What is not, or not so, in the folder, by its path in the repository: the pictures that the card shows,
+            and weights without those at rest (``lerobot_gcdt.averaging``).
     """
 
     kind: str
     folder: Path
     files: list[str]
     card: str
-    pictures: dict[str, bytes] = field(default_factory=dict)
+    made: dict[str, bytes] = field(default_factory=dict)
 
 
 def publish(
@@ -119,8 +122,12 @@ def pack(folder: Path, repo_id: str) -> Parcel:
     else:
         card = dataset_card(model, repo_id) if kind == "dataset" else model_card(model, repo_id)
     check_card(card, kind)
-    pictures = _pictures(model) if kind == "dataset" and not own.exists() else {}
-    return Parcel(kind, model, files, card, pictures)
+    made = {}
+    if kind == "model" and (acting := acting_weights(model / WEIGHTS)):
+        made = {WEIGHTS: acting}
+    elif kind == "dataset" and not own.exists():
+        made = _pictures(model)
+    return Parcel(kind, model, [file for file in files if file not in made], card, made)
 
 
 def _pictures(root: Path) -> dict[str, bytes]:
@@ -154,7 +161,7 @@ def _send(parcel: Parcel, repo_id: str, private: bool, revision_tag: str | None)
         repo_id,
         [
             CommitOperationAdd("README.md", parcel.card.encode()),
-            *(CommitOperationAdd(path, picture) for path, picture in parcel.pictures.items()),
+            *(CommitOperationAdd(path, content) for path, content in parcel.made.items()),
             *(CommitOperationAdd(file, parcel.folder / file) for file in parcel.files),
             *(CommitOperationDelete(file) for file in sorted(stale)),
         ],
@@ -204,7 +211,7 @@ def _describe(parcel: Parcel, repo_id: str, private: bool, revision_tag: str | N
     tags = [*([CODEBASE_VERSION] if parcel.kind == "dataset" else []), *([revision_tag] if revision_tag else [])]
     tagged = f", tagged {', '.join(tags)}" if tags else ""
     sizes = {"README.md": len(parcel.card.encode())}
-    sizes |= {path: len(picture) for path, picture in parcel.pictures.items()}
+    sizes |= {path: len(content) for path, content in parcel.made.items()}
     sizes |= {file: (parcel.folder / file).stat().st_size for file in parcel.files}
     return "\n".join(
         [

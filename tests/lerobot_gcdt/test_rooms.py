@@ -32,7 +32,7 @@ MAY_IMPORT = {
         *("policy", "baselines", "recording", "evaluation", "training", "environment", "data", "surrol_gym", "keys"),
         "precision",
     },
-    "hub": {"recording", "evaluation", "training", "environment", "surrol_gym", "keys", "errors"},
+    "hub": {"recording", "evaluation", "training", "environment", "surrol_gym", "keys", "errors", "averaging"},
     "lerobot_gcdt": {"policy", "baselines", "environment", "robot"},
     "gcdt_cli": {
         *("lerobot_gcdt", "recording", "evaluation", "training", "hub", "benchmark", "robot", "executors"),

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import huggingface_hub
 import pytest
+import torch
 from hub_server import TOKEN, HubServer, Repo
 from huggingface_hub import constants
 from huggingface_hub.utils._http import default_client_factory
@@ -18,9 +19,11 @@ from lerobot.configs.default import DatasetConfig
 from lerobot.configs.train import TrainPipelineConfig
 from lerobot.policies import make_policy
 from PIL import Image
+from safetensors.torch import load
 
 import gcdt_cli as cli
 from lerobot_gcdt import make_gcdt_pre_post_processors
+from lerobot_gcdt.averaging import without_resting
 from lerobot_gcdt.hub.checks import CHECKPOINT_FILES, DATASET_FILES
 
 DATA_FILE = "data/chunk-000/file-000.parquet"
@@ -150,9 +153,12 @@ def test_a_dataset_goes_up_whole_in_one_commit_with_its_card_and_lerobots_tag(hu
 def test_a_checkpoint_goes_up_with_its_card(hub, training, model):
     publish(training)
     files = hub.repos["models", "me/thing"].files()
-    card = files.pop("README.md").decode()
-    assert files == contents(model)
+    card, weights, own = files.pop("README.md").decode(), load(files.pop("model.safetensors")), contents(model)
+    whole = load(own.pop("model.safetensors"))
+    assert files == own
     assert 'from_pretrained("me/thing")' in card
+    assert set(weights) == without_resting(whole) < set(whole), "half of the file, and the same policy"
+    assert all(torch.equal(weight, whole[name]) for name, weight in weights.items())
 
 
 def test_a_checkpoint_folder_gives_the_same_as_its_training(hub, training, model):
