@@ -191,8 +191,6 @@ class Benchmark:
         file, sensors = Path(self.output) / EPISODES_FILE, complete_sensors(self.sensors)
         if keeps_other_sensors(file, sensors):
             raise ValueError(f"{self.output} keeps episodes of other sensors than {sensors}; choose another --output.")
-        if file.exists() and not set(CELL) <= set(pd.read_parquet(file).columns):
-            raise ValueError(f"{file} was written by an earlier version; choose another --output.")
         _check_folders(Path(self.output), methods)
         kept, starts = self._kept(cells).groupby(CELL).size(), len(self.starts)
         unfinished = [cell for cell in cells if kept.get(cell.key) != cell.method.points * starts]
@@ -205,6 +203,8 @@ class Benchmark:
             return pd.DataFrame(columns=EPISODE)
         points = [(*cell.key, step) for cell in cells for step in cell.method.checkpoints]
         kept = pd.read_parquet(file)
+        if not set(CELL) <= set(kept.columns):
+            raise ValueError(f"{file} was written by an earlier version; choose another --output.")
         return pd.DataFrame(points, columns=EPISODE[:-1]).merge(kept[kept.seed.isin(self.starts)])
 
 

@@ -150,8 +150,10 @@ def test_benchmark_passes_on_what_was_asked_for(tmp_path, monkeypatch, capsys):
     cell = {"method": "bc", "task": "NeedlePick", "demonstrations": 9, "training_seed": 3}
     outcome = {"step": 8, "seconds": 7.0, "seed": [5, 6], "reached": True, "held": False, "steps": 9.0}
     episodes = pd.DataFrame(cell | outcome)
-    made = lambda **arguments: calls.append(arguments) or SimpleNamespace(run=lambda: episodes)  # noqa: E731
-    monkeypatch.setattr("lerobot_gcdt.benchmark.learning.Benchmark", made)
+    monkeypatch.setattr(
+        "lerobot_gcdt.benchmark.learning.Benchmark",
+        lambda **arguments: calls.append(arguments) or SimpleNamespace(run=lambda: episodes),
+    )
     folders = {"datasets": tmp_path, "output": tmp_path / "x"}
     command = ["benchmark", *(part for name, value in folders.items() for part in (f"--{name}", str(value)))]
     command += ["--tasks", "NeedlePick,NeedleReach", "--methods", "gcdt,bc", "wide=bc --policy.hidden_sizes=[9,9]"]
@@ -376,8 +378,10 @@ def test_what_an_executor_lacks_is_told_with_the_extra_that_brings_it(executor, 
 
 def test_a_benchmark_under_an_executor_hands_out_its_trainings_and_then_reports(tmp_path, monkeypatch):
     given = []
-    made = lambda **asked: SimpleNamespace(units=lambda write: [(asked, write)])  # noqa: E731
-    monkeypatch.setattr("lerobot_gcdt.benchmark.learning.Benchmark", made)
+    monkeypatch.setattr(
+        "lerobot_gcdt.benchmark.learning.Benchmark",
+        lambda **asked: SimpleNamespace(units=lambda write: [(asked, write)]),
+    )
     executors = SimpleNamespace(run_units=lambda *arguments, **settings: given.append((arguments, settings)))
     monkeypatch.setitem(sys.modules, "lerobot_gcdt.executors", executors)
     monkeypatch.setattr("gcdt_cli.options.find_spec", lambda name: name)
