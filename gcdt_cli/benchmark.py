@@ -74,7 +74,7 @@ def add(commands: Any) -> None:
         help="with --executor: trainings at a time (default: 1; with Slurm and Ray all that have room)",
     )
     add_executor(benchmark, "on other machines: a unit a training")
-    add_sensors(benchmark, "imperfect sensors, through which all policies see")
+    add_sensors(benchmark, "imperfect sensors and noisy actions, of all policies", noisy_actions=True)
     benchmark.set_defaults(run=run)
 
 

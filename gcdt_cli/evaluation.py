@@ -29,7 +29,7 @@ def add(commands: Any) -> None:
         "--episodes", type=Path, metavar="FILE", help="keep the episodes in this Parquet file instead"
     )
     evaluate.add_argument("--film", action="store_true", help="also film the first three, beside the checkpoint")
-    add_sensors(evaluate, "imperfect sensors, with --episodes")
+    add_sensors(evaluate, "imperfect sensors and noisy actions, with --episodes", noisy_actions=True)
     evaluate.set_defaults(run=run)
 
 
@@ -39,7 +39,7 @@ def run(options: argparse.Namespace) -> None:
         raise ValueError(f"--episodes keeps those of a single training, got {', '.join(options.trainings)}.")
     sensors = sensor_settings(options)
     if sensors and not options.episodes:
-        raise ValueError(f"Episodes of imperfect sensors ({', '.join(sensors)}) need a file of their own: --episodes.")
+        raise ValueError(f"Episodes with imperfections ({', '.join(sensors)}) need a file of their own: --episodes.")
     for training in [] if options.episodes else options.trainings:
         check_folder(Path(training), f"`gcdt train --dataset DATASET --output {training}` trains a policy")
 

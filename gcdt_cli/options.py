@@ -13,19 +13,22 @@ EXECUTORS = {
 """Options that go with each executor, beside ``--workers``."""
 
 
-def add_sensors(command: argparse.ArgumentParser, title: str) -> None:
+def add_sensors(command: argparse.ArgumentParser, title: str, noisy_actions: bool = False) -> None:
     sensors = command.add_argument_group(title)
     sensors.add_argument("--position_std", type=float, default=0.0, help="noise of each coordinate, su (default 0)")
     sensors.add_argument("--angle_std", type=float, default=0.0, help="noise of each angle, radians (default 0)")
     sensors.add_argument("--dropout", type=float, default=0.0, help="probability that a step is missed (default 0)")
     sensors.add_argument("--delay", type=int, default=0, help="steps by which what is shown lags (default 0)")
+    if noisy_actions:
+        told = "noise of each number of an action, in full actions (default 0)"
+        sensors.add_argument("--action_std", type=float, default=0.0, help=told)
 
 
 def sensor_settings(options: argparse.Namespace) -> dict[str, float]:
-    """What the options of ``add_sensors`` say, without those that leave sensors perfect."""
-    from surrol_gym.wrappers import PERFECT
+    """What the options of ``add_sensors`` say, without those that change nothing."""
+    from surrol_gym.wrappers import IDEAL
 
-    return {name: value for name in PERFECT if (value := getattr(options, name))}
+    return {name: value for name in IDEAL if (value := getattr(options, name, 0.0))}
 
 
 def add_executor(command: argparse.ArgumentParser, title: str) -> None:

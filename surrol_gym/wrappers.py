@@ -1,4 +1,4 @@
-"""Imperfect sensors: what is shown is noisy, missed or late; rewards and experts go by the truth."""
+"""Imperfect sensors, which show the truth noisy, late or not at all, and arms whose actions are noisy."""
 
 from collections import deque
 from collections.abc import Mapping
@@ -15,29 +15,35 @@ if TYPE_CHECKING:
 SENSORS = 2
 """Tells the random stream of an episode's sensors from that of its start, which the seed alone makes."""
 
+ACTIONS = 4
+"""The same of the noise of its actions."""
 
 PERFECT = {"position_std": 0.0, "angle_std": 0.0, "dropout": 0.0, "delay": 0}
 """Arguments of sensors that show the truth."""
 
+IDEAL = PERFECT | {"action_std": 0.0}
+"""Arguments of ``imperfect`` that change nothing."""
 
-def complete_sensors(arguments: Mapping[str, Any] | None) -> dict[str, Any]:
+
+def complete_sensors(arguments: Mapping[str, Any] | None, perfect: Mapping[str, Any] = PERFECT) -> dict[str, Any]:
     """Checks arguments of ``ImperfectSensors`` and adds those that are left out.
 
     Args:
         arguments: Some of its arguments, by name; None for perfect sensors.
+        perfect: All that there are, with the values that change nothing: ``IDEAL`` for those of ``imperfect``.
 
     Returns:
-        All of them, in the order of ``PERFECT``.
+        All of them, in the order of ``perfect``.
 
     Raises:
         ValueError: One is unknown or out of range.
     """
-    if unknown := sorted(set(arguments or {}) - set(PERFECT)):
-        raise ValueError(f"Sensors have no {', '.join(unknown)}; choose from {', '.join(PERFECT)}.")
-    sensors = PERFECT | dict(arguments or {})
-    for name in ("position_std", "angle_std"):
-        if not 0 <= sensors[name] < np.inf:
-            raise ValueError(f"{name} must be a finite number from 0 on, got {sensors[name]}.")
+    if unknown := sorted(set(arguments or {}) - set(perfect)):
+        raise ValueError(f"Sensors have no {', '.join(unknown)}; choose from {', '.join(perfect)}.")
+    sensors = dict(perfect) | dict(arguments or {})
+    for name, value in sensors.items():
+        if name.endswith("_std") and not 0 <= value < np.inf:
+            raise ValueError(f"{name} must be a finite number from 0 on, got {value}.")
     if not 0 <= sensors["dropout"] <= 1:
         raise ValueError(f"dropout is a probability, in [0, 1]; got {sensors['dropout']}.")
     if not isinstance(sensors["delay"], int | np.integer) or sensors["delay"] < 0:
@@ -135,3 +141,55 @@ class ImperfectSensors(gym.Wrapper, gym.utils.RecordConstructorArgs):
             array: np.float32(observation[array] + np.concatenate([noise[quantity.key] for quantity in quantities]))
             for array, quantities in self._arrays.items()
         }
+
+
+class NoisyActions(gym.ActionWrapper, gym.utils.RecordConstructorArgs):
+    """Lets an arm do something else than it is told: every number of an action gets Gaussian noise, new in every step.
+
+    What then lies outside of the action space is clipped. Neither observations nor ``info`` tell what was done.
+
+    The noise comes from a generator of the wrapper's own, as that of ``ImperfectSensors``.
+
+    Args:
+        env: An environment of ``surrol_gym``, wrapped or not.
+        action_std: Standard deviation of the noise, in units of a full action.
+
+    Raises:
+        ValueError: The standard deviation is out of range.
+    """
+
+    def __init__(self, env: gym.Env, action_std: float = 0.0):
+        complete_sensors({"action_std": action_std}, IDEAL)
+        gym.utils.RecordConstructorArgs.__init__(self, action_std=action_std)
+        gym.ActionWrapper.__init__(self, env)
+        self._std = action_std
+        self._rng = np.random.default_rng()
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """Starts an episode; see ``gymnasium.Env.reset``. A seed also starts the noise anew."""
+        if seed is not None:
+            self._rng = np.random.default_rng([seed, ACTIONS])
+        return self.env.reset(seed=seed, options=options)
+
+    def action(self, action: Any) -> np.ndarray:
+        """Adds the noise of this step."""
+        noise = self._std * self._rng.standard_normal(np.shape(action))
+        return np.clip(action + noise, -1, 1).astype(np.float32)
+
+
+def imperfect(env: gym.Env, sensors: Mapping[str, Any] | None) -> gym.Env:
+    """Wraps an environment in ``ImperfectSensors`` and ``NoisyActions``, where they change anything.
+
+    Args:
+        env: An environment of ``surrol_gym``, wrapped or not.
+        sensors: Some arguments of both, by name; None for none.
+
+    Raises:
+        TypeError: The environment does not say what its numbers are, which sensors have to know.
+        ValueError: An argument is unknown or out of range.
+    """
+    completed = complete_sensors(sensors, IDEAL)
+    action_std = completed.pop("action_std")
+    if action_std:
+        env = NoisyActions(env, action_std)
+    return env if completed == PERFECT else ImperfectSensors(env, **completed)

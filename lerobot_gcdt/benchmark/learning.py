@@ -26,7 +26,7 @@ from lerobot_gcdt.recording.demonstrations import RECORDING_FILE, dataset_name
 from lerobot_gcdt.recording.facts import recordings, task_of
 from lerobot_gcdt.training import train, training_seconds
 from surrol_gym.registry import find_task, task_name
-from surrol_gym.wrappers import PERFECT, complete_sensors
+from surrol_gym.wrappers import IDEAL, complete_sensors
 
 EPISODES_FILE = "episodes.parquet"
 EPISODES_OF_SENSORS = "episodes_of_sensors.parquet"
@@ -188,7 +188,7 @@ class Benchmark:
             for method in methods
             for number in numbers
         ]
-        file, sensors = Path(self.output) / EPISODES_FILE, complete_sensors(self.sensors)
+        file, sensors = Path(self.output) / EPISODES_FILE, complete_sensors(self.sensors, IDEAL)
         if keeps_other_sensors(file, sensors):
             raise ValueError(f"{self.output} keeps episodes of other sensors than {sensors}; choose another --output.")
         _check_folders(Path(self.output), methods)
@@ -277,9 +277,9 @@ def _run(cell: Cell, output: Path, starts: Sequence[int], sensors: dict[str, flo
     points = []
     for step in method.checkpoints:
         checkpoint = get_step_checkpoint_dir(folder, method.steps, step) / "pretrained_model"
-        file = None if sensors == PERFECT else checkpoint.parent / EPISODES_OF_SENSORS
+        file = None if sensors == IDEAL else checkpoint.parent / EPISODES_OF_SENSORS
         episodes = evaluate_checkpoint(checkpoint, [cell.task], starts, file=file, sensors=sensors)
         facts = dict(zip(CELL, cell.key, strict=True)) | {"step": step, "seconds": training_seconds(folder, step)}
-        facts |= {} if sensors == PERFECT else sensors
+        facts |= {} if sensors == IDEAL else sensors
         points.append(episodes.assign(**facts)[[*facts, "seed", "reached", "held", "steps"]])
     return pd.concat(points, ignore_index=True)

@@ -14,7 +14,7 @@ from lerobot.processor.pipeline import ObservationProcessorStep, ProcessorStepRe
 from lerobot_gcdt.errors import OptionError
 from lerobot_gcdt.keys import ACHIEVED_GOAL, ACTION, ENVIRONMENT_STATE, GOAL, STATE, image_key
 from surrol_gym.registry import NAMESPACE, env_class, find_task
-from surrol_gym.wrappers import PERFECT, ImperfectSensors
+from surrol_gym.wrappers import IDEAL, imperfect
 
 if TYPE_CHECKING:
     from surrol_gym.envs.psm_env import PSMEnv
@@ -82,6 +82,7 @@ class SurRoLEnvConfig(EnvConfig):
         angle_std: The same of angles, radians.
         dropout: Probability that they miss a step's reading.
         delay: Steps by which what they see lags.
+        action_std: Noise of what they do, as ``surrol_gym.wrappers.NoisyActions`` takes it.
 
     Raises:
         OptionError: A task is not registered, or does not have one of ``cameras``.
@@ -100,6 +101,7 @@ class SurRoLEnvConfig(EnvConfig):
     angle_std: float = 0.0
     dropout: float = 0.0
     delay: int = 0
+    action_std: float = 0.0
 
     def __post_init__(self) -> None:
         for task in self._tasks():
@@ -169,8 +171,7 @@ class SurRoLEnvConfig(EnvConfig):
             env = gym.make(env_id, disable_env_checker=True, **self.gym_kwargs)
             if self.cameras:
                 env = CameraPictures(env, self._cameras(), self.camera_size)
-            sensors = {name: getattr(self, name) for name in PERFECT}
-            return env if sensors == PERFECT else ImperfectSensors(env, **sensors)
+            return imperfect(env, {name: getattr(self, name) for name in IDEAL})
 
         makers = [freeze_after_episode_end(make)] * n_envs
         mode = gym.vector.AutoresetMode.NEXT_STEP

@@ -13,7 +13,7 @@ from lerobot_gcdt.evaluation.loading import load_policy
 from lerobot_gcdt.evaluation.rollout import evaluate
 from lerobot_gcdt.evaluation.tasks import check_starts, tasks_of
 from surrol_gym.registry import find_task, task_name
-from surrol_gym.wrappers import PERFECT, complete_sensors
+from surrol_gym.wrappers import IDEAL, complete_sensors
 
 
 def episodes_file(checkpoint: str | Path) -> Path:
@@ -57,8 +57,8 @@ def evaluate_checkpoint(
             "them, as in --episodes episodes.parquet."
         )
     file = Path(file) if file else episodes_file(checkpoint)
-    described = complete_sensors(sensors)
-    for_others = described != PERFECT and file.resolve() == episodes_file(checkpoint)
+    described = complete_sensors(sensors, IDEAL)
+    for_others = described != IDEAL and file.resolve() == episodes_file(checkpoint)
     if for_others or keeps_other_sensors(file, described):
         told = ", ".join(f"{name} {value:g}" for name, value in described.items())
         raise ValueError(f"{file} is not for episodes of sensors with {told}; name another file with --episodes.")
@@ -75,8 +75,8 @@ def evaluate_checkpoint(
 
 
 def keeps_other_sensors(file: Path, sensors: Mapping[str, Any]) -> bool:
-    """Returns whether a file keeps episodes of other sensors than these (``complete_sensors``)."""
-    kept = _read(file).reindex(columns=[*PERFECT]).fillna(PERFECT)
+    """Returns whether a file keeps episodes of other sensors than these, all arguments of them."""
+    kept = _read(file).reindex(columns=[*IDEAL]).fillna(IDEAL)
     return not (kept == pd.Series(sensors)).all(axis=None)
 
 

@@ -14,7 +14,7 @@ from lerobot_gcdt.environment.policy_input import check_processed, observation_b
 from lerobot_gcdt.environment.surrol_env import CameraPictures
 from lerobot_gcdt.evaluation.tasks import check_starts
 from surrol_gym.registry import find_task, task_name, task_spec
-from surrol_gym.wrappers import PERFECT, ImperfectSensors, complete_sensors
+from surrol_gym.wrappers import IDEAL, complete_sensors, imperfect
 
 
 def evaluate(
@@ -34,13 +34,13 @@ def evaluate(
         seeds: Seed of the reset of each episode; the same for every task.
         batch_size: Episodes that run side by side. It has no influence on their outcome beyond rounding.
         on_batch: Called with the rows of every batch that is finished.
-        sensors: Arguments of ``surrol_gym.wrappers.ImperfectSensors``, through which the policy sees; None for perfect
-            ones.
+        sensors: Arguments of ``surrol_gym.wrappers.ImperfectSensors``, through which the policy sees, and of
+            ``NoisyActions``, through which it acts; None for neither.
 
     Returns:
         A row an episode: ``task``, ``seed``, ``reached`` (success at any step), ``held`` (success at the last step),
         ``steps`` (to the first success, NaN without one), and ``achieved_goal`` and ``desired_goal`` at the end (lists,
-        su), by the truth. Imperfect sensors add a column for each of their arguments.
+        su), by the truth. Where one of ``sensors`` is not perfect, each of them adds a column.
 
     Raises:
         ValueError: A task is unknown, a seed is negative, there are none, the batch size is not positive, sensors are
@@ -50,8 +50,8 @@ def evaluate(
     check_starts(tasks, seeds)
     if batch_size < 1:
         raise ValueError(f"batch_size must be positive, got {batch_size}.")
-    described = complete_sensors(sensors)
-    columns = {} if described == PERFECT else described
+    described = complete_sensors(sensors, IDEAL)
+    columns = {} if described == IDEAL else described
     finished = []
     with tqdm(total=len(tasks) * len(seeds), unit="episode") as bar:
         for task in tasks:
@@ -117,7 +117,7 @@ def rollout(
         if pictures:
             [size] = {feature.shape[-1] for feature in pictures.values()}
             env = CameraPictures(env, [key.removeprefix(f"{OBS_IMAGES}.") for key in pictures], size)
-        return ImperfectSensors(env, **sensors) if sensors else env
+        return imperfect(env, sensors)
 
     envs = gym.vector.SyncVectorEnv([make] * len(seeds))
     try:

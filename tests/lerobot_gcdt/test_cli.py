@@ -158,11 +158,11 @@ def test_benchmark_passes_on_what_was_asked_for(tmp_path, monkeypatch, capsys):
     command = ["benchmark", *(part for name, value in folders.items() for part in (f"--{name}", str(value)))]
     command += ["--tasks", "NeedlePick,NeedleReach", "--methods", "gcdt,bc", "wide=bc --policy.hidden_sizes=[9,9]"]
     command += ["--seeds", "3,4", "--steps", "8", "--points", "2", "--starts", "2", "--first_seed", "5"]
-    command += ["--position_std", "0.01", "--demonstrations", "4,9"]
+    command += ["--position_std", "0.01", "--action_std", "0.1", "--demonstrations", "4,9"]
     cli.main([*command, "--", "--policy.device=cpu"])
     asked = {"tasks": ["NeedlePick", "NeedleReach"], "methods": ["gcdt", "bc", "wide=bc --policy.hidden_sizes=[9,9]"]}
     asked |= {"seeds": [3, 4], "steps": 8, "points": 2, "starts": range(5, 7), "options": ["--policy.device=cpu"]}
-    assert calls == [folders | asked | {"demonstrations": [4, 9], "sensors": {"position_std": 0.01}}]
+    assert calls == [folders | asked | {"demonstrations": [4, 9], "sensors": {"position_std": 0.01, "action_std": 0.1}}]
     assert "| NeedlePick | bc | 9 | 1 | 2 | 8 | 7 | 1.00 (0.34-1.00) | 0.00 (0.00-0.66) |" in capsys.readouterr().out
 
 
@@ -303,8 +303,8 @@ def test_the_sensors_that_are_asked_for_are_those_of_the_evaluation_and_the_film
 
         monkeypatch.setattr(f"lerobot_gcdt.evaluation.{name}", note)
     command = ["evaluate", "generalist", "--tasks", "NeedleReach", "--episodes", str(file), "--film"]
-    cli.main([*command, "--position_std", "0.01", "--delay", "2"])
-    assert calls == [{"position_std": 0.01, "delay": 2}] * 2
+    cli.main([*command, "--position_std", "0.01", "--delay", "2", "--action_std", "0.1"])
+    assert calls == [{"position_std": 0.01, "delay": 2, "action_std": 0.1}] * 2
 
 
 def test_the_policy_that_acts_is_named_by_the_checkpoint_that_is_the_last_now(tmp_path, tiny_config, monkeypatch):

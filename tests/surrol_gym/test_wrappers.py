@@ -1,4 +1,4 @@
-"""Imperfect sensors: what is shown, what stays true, and that a seed tells all of it."""
+"""Imperfect sensors: what is shown, what stays true, and that a seed tells all of it. Then noisy actions."""
 
 import subprocess
 import sys
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import surrol_gym
-from surrol_gym.wrappers import ImperfectSensors
+from surrol_gym.wrappers import PERFECT, ImperfectSensors, NoisyActions, complete_sensors, imperfect
 
 IMPERFECT = {"position_std": 0.01, "angle_std": 0.1, "dropout": 0.3, "delay": 2}
 ARRAYS = ("observation", "achieved_goal", "desired_goal")
@@ -257,3 +257,94 @@ def test_an_argument_out_of_range_is_named(sense, sensors, told):
 def test_an_environment_of_another_kind_is_refused():
     with pytest.raises(TypeError, match="CartPole.* does not say what its numbers are"):
         ImperfectSensors(gym.make("CartPole-v1"))
+
+
+# Noisy actions.
+
+
+@pytest.fixture
+def actuate(make):
+    """Makes an environment by the name of its task, whose actions are noisy; and a list of those that it gets."""
+
+    def actuate(task, action_std):
+        env = make(task)
+        done, step = [], env.unwrapped.step
+        env.unwrapped.step = lambda action: done.append(action) or step(action)
+        return NoisyActions(env, action_std), done
+
+    return actuate
+
+
+def done_of(env, done, seed=0, steps=20, action=0.0):
+    """What an arm does that is told the same in every step, array (steps, A)."""
+    done.clear()
+    env.reset(seed=seed)
+    for _ in range(steps):
+        env.step(np.full(env.action_space.shape, action, dtype=np.float32))
+    return np.array(done)
+
+
+def test_every_number_of_an_action_gets_noise_that_is_new_in_every_step(actuate):
+    noise = done_of(*actuate("BiPegTransfer", 0.2), steps=100)
+    assert noise.shape == (100, 10) and (np.diff(noise, axis=0) != 0).all()
+    np.testing.assert_allclose(noise.std(axis=0), 0.2, rtol=0.3)
+    np.testing.assert_allclose(noise.mean(axis=0), 0, atol=0.1)
+
+
+def test_noisy_actions_stay_in_the_action_space(actuate):
+    env, done = actuate("NeedleReach", 0.5)
+    noisy = done_of(env, done, action=1.0)
+    assert all(env.action_space.contains(action) for action in done)
+    assert 0 < (noisy == 1).sum() < noisy.size
+
+
+def test_without_noise_an_arm_does_what_it_is_told(actuate):
+    assert (done_of(*actuate("NeedleReach", 0.0), action=0.3) == np.float32(0.3)).all()
+
+
+def test_a_seed_gives_the_same_noise_of_actions_and_another_seed_another(actuate):
+    env, done = actuate("NeedleReach", 0.1)
+    first, other, again = (done_of(env, done, seed) for seed in (3, 4, 3))
+    np.testing.assert_array_equal(first, again)
+    assert (first != other).all() and (done_of(env, done, seed=None) != first).all()
+
+
+def test_actions_and_sensors_do_not_share_their_noise(make):
+    alone = ImperfectSensors(make("NeedleReach"), **IMPERFECT).reset(seed=3)[0]
+    both = imperfect(make("NeedleReach"), IMPERFECT | {"action_std": 0.1})
+    assert_same([alone], [both.reset(seed=3)[0]])
+    assert isinstance(both.env, NoisyActions)
+
+
+@pytest.mark.parametrize("sensors", [None, {}, PERFECT, {"action_std": 0.0}])
+def test_what_changes_nothing_wraps_nothing(make, sensors):
+    env = make("NeedleReach")
+    assert imperfect(env, sensors) is env
+
+
+def test_the_spec_makes_noisy_actions_again(make):
+    env = NoisyActions(make("NeedleReach"), action_std=0.3)
+    again = gym.make(env.spec)
+    for one in (env, again):
+        one.reset(seed=3)
+    told = np.zeros(5, dtype=np.float32)
+    assert_same([env.step(told)[0]], [again.step(told)[0]])
+    again.close()
+
+
+def test_noise_does_not_hide_an_action_of_another_shape(make):
+    env = NoisyActions(make("NeedleReach"), action_std=0.1)
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match=r"takes actions of shape \(5,\), got \(1,\)"):
+        env.step(np.zeros(1))
+
+
+@pytest.mark.parametrize("std", [-0.1, float("nan"), float("inf")])
+def test_noise_of_actions_out_of_range_is_named(make, std):
+    with pytest.raises(ValueError, match=f"action_std .* got {std}"):
+        NoisyActions(make("NeedleReach"), std)
+
+
+def test_sensors_know_no_actions():
+    with pytest.raises(ValueError, match="Sensors have no action_std; choose from position_std, .*, delay"):
+        complete_sensors({"action_std": 0.1})

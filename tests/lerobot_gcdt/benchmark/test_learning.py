@@ -258,8 +258,8 @@ def test_of_several_tasks_each_counts_its_own_demonstrations(uneven_root, tmp_pa
 
 def test_all_cells_see_through_the_same_sensors(datasets, tmp_path, asked):
     request = {"tasks": ["NeedleReach"], "methods": ["bc"], "seeds": [0], "starts": STARTS}
-    episodes = benchmark(datasets, tmp_path, sensors={"position_std": 0.01}, **request)
-    assert set(episodes.position_std) == {0.01} and set(episodes.delay) == {0}
+    episodes = benchmark(datasets, tmp_path, sensors={"position_std": 0.01, "action_std": 0.1}, **request)
+    assert set(episodes.position_std) == {0.01} and set(episodes.action_std) == {0.1} and set(episodes.delay) == {0}
     with pytest.raises(ValueError, match="keeps episodes of other sensors than .*; choose another --output"):
         benchmark(datasets, tmp_path, **request)
 

@@ -180,6 +180,14 @@ def test_policies_see_through_imperfect_sensors_that_are_asked_for(make):
     np.testing.assert_array_equal(info["true_observation"]["observation"], exact["observation"])
 
 
+def test_policies_act_with_the_noise_that_is_asked_for(make):
+    exact, noisy = (only(make(SurRoLEnvConfig(task="NeedleReach-v0", action_std=std))) for std in (0.0, 0.2))
+    action = np.zeros((1, 5), dtype=np.float32)
+    for env in (exact, noisy):
+        env.reset(seed=[3])
+    assert np.abs(exact.step(action)[0]["achieved_goal"] - noisy.step(action)[0]["achieved_goal"]).max() > 0.001
+
+
 def test_the_task_sentence_passes_the_processors():
     observation = {key: np.zeros((1, 3), dtype=np.float32) for key in ("observation", "achieved_goal", "desired_goal")}
     preprocessor, _ = SurRoLEnvConfig().get_env_processors()

@@ -131,11 +131,30 @@ def test_a_file_keeps_the_episodes_of_one_kind_of_sensors(checkpoint, tmp_path):
     evaluated(file=tmp_path / "noisy.parquet", sensors=noisy)
     assert evaluated(file=tmp_path / "noisy.parquet", sensors=noisy).position_std.tolist() == [0.01]
     for sensors in (None, {"position_std": 0.01}):
-        with pytest.raises(ValueError, match="noisy.parquet is not for episodes of sensors with .* delay 0"):
+        with pytest.raises(
+            ValueError, match="noisy.parquet is not for episodes of sensors with .* delay 0, action_std 0"
+        ):
             evaluated(file=tmp_path / "noisy.parquet", sensors=sensors)
     evaluated(file=tmp_path / "perfect.parquet")
     with pytest.raises(ValueError, match="perfect.parquet is not for episodes of sensors with position_std 0.01"):
         evaluated(file=tmp_path / "perfect.parquet", sensors=noisy)
+
+
+def test_a_file_keeps_the_episodes_of_one_noise_of_actions(checkpoint, tmp_path):
+    evaluated = partial(evaluate_checkpoint, checkpoint, ["NeedleReach"], [7], file=tmp_path / "noisy.parquet")
+    assert evaluated(sensors={"action_std": 0.1}).action_std.tolist() == [0.1]
+    with pytest.raises(ValueError, match="not for episodes of sensors with .* action_std 0.2"):
+        evaluated(sensors={"action_std": 0.2})
+
+
+def test_a_file_from_before_there_was_noise_of_actions_is_of_exact_ones(checkpoint, tmp_path):
+    evaluated = partial(evaluate_checkpoint, checkpoint, ["NeedleReach"], file=tmp_path / "late.parquet")
+    evaluated([7], sensors={"delay": 1})
+    before = pd.read_parquet(tmp_path / "late.parquet").drop(columns="action_std")
+    before.to_parquet(tmp_path / "late.parquet")
+    assert evaluated([7, 8], sensors={"delay": 1}).seed.tolist() == [7, 8]
+    with pytest.raises(ValueError, match="late.parquet is not for episodes of sensors with .* action_std 0.1"):
+        evaluated([7], sensors={"delay": 1, "action_std": 0.1})
 
 
 def test_episodes_beside_a_checkpoint_are_of_perfect_sensors(checkpoint):

@@ -10,7 +10,7 @@ import torch
 
 import surrol_gym
 from lerobot_gcdt.evaluation import evaluate
-from surrol_gym.wrappers import ImperfectSensors
+from surrol_gym.wrappers import ImperfectSensors, NoisyActions
 
 TASKS = ["NeedleReach", "NeedlePick", "BiPegBoard"]
 
@@ -174,7 +174,7 @@ def test_policies_see_the_keys_of_the_dataset(needle_pick_meta):
     assert policy.batches[0]["task"] == list(needle_pick_meta.tasks.index) * 2
 
 
-# Imperfect sensors.
+# Imperfect sensors and noisy actions.
 
 
 def test_the_policy_sees_what_the_sensors_show():
@@ -194,6 +194,7 @@ def test_rows_are_judged_by_the_truth_and_tell_the_sensors():
         "angle_std": 1,
         "dropout": 0,
         "delay": 0,
+        "action_std": 0,
     }
 
 
@@ -206,6 +207,19 @@ def test_noise_does_not_depend_on_what_runs_beside():
 def test_the_expert_fails_where_it_sees_badly():
     episodes = evaluate(ScriptedExpert(), ["NeedlePick"], [100, 101, 102], sensors={"position_std": 0.1})
     assert not episodes.held.all()
+
+
+def test_actions_are_as_noisy_as_is_asked_for():
+    still, moved = (
+        evaluate(Zeros(), ["NeedleReach"], [7], sensors=sensors).achieved_goal[0] for sensors in ({}, {"action_std": 1})
+    )
+    with gym.make("surrol/NeedleReach-v0") as env:
+        noisy = NoisyActions(env, action_std=1)
+        noisy.reset(seed=7)
+        for _ in range(env.spec.max_episode_steps):
+            observation, *_ = noisy.step(np.zeros(5, dtype=np.float32))
+    np.testing.assert_array_equal(moved, observation["achieved_goal"])
+    assert np.linalg.norm(np.subtract(moved, still)) > 0.01
 
 
 # Bad input.

@@ -331,9 +331,12 @@ def test_imperfect_sensors_show_the_data_and_not_the_expert(reach_pair, tmp_path
         assert noise.std() == pytest.approx(0.01, rel=0.3)
 
 
-def test_bad_sensors_leave_no_trace(tmp_path):
-    with pytest.raises(ValueError, match="delay must be a whole number"):
-        demonstrations.record("NeedleReach", 2, 0, tmp_path / "noisy", sensors={"delay": -1})
+@pytest.mark.parametrize(
+    ("sensors", "told"), [({"delay": -1}, "delay must be a whole number"), ({"action_std": 0.1}, "have no action_std")]
+)
+def test_bad_sensors_leave_no_trace(tmp_path, sensors, told):
+    with pytest.raises(ValueError, match=told):
+        demonstrations.record("NeedleReach", 2, 0, tmp_path / "noisy", sensors=sensors)
     assert not list(tmp_path.iterdir())
 
 
