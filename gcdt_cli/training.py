@@ -18,7 +18,7 @@ def add(commands: Any) -> None:
     train.add_argument("--dataset", required=True, type=Path, help="folder of a dataset")
     train.add_argument("--output", required=True, type=Path, help="folder of the checkpoints and the losses")
     train.add_argument(
-        "--policy", metavar="TYPE", help="gcdt (default), bc, dt, vinn, iql, or a type of LeRobot's, such as act"
+        "--policy", metavar="TYPE", help="gcdt (default), bc, dt, vinn, iql, plas, or a type of LeRobot's, such as act"
     )
     train.add_argument(
         "--stage",

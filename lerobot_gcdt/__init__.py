@@ -1,8 +1,8 @@
 """The goal-conditioned decision transformer and the SurRoL environments as LeRobot plugins.
 
-Importing the package registers the policy types ``gcdt``, ``bc``, ``dt``, ``vinn`` and ``iql``; where PyBullet is
-installed also the environment type ``surrol``, the robot types ``surrol_psm`` and ``dvrk_psm``, and the teleoperator
-type ``psm_keyboard``. Policies are trained and loaded without it.
+Importing the package registers the policy types ``gcdt``, ``bc``, ``dt``, ``vinn``, ``iql`` and ``plas``; where
+PyBullet is installed also the environment type ``surrol``, the robot types ``surrol_psm`` and ``dvrk_psm``, and the
+teleoperator type ``psm_keyboard``. Policies are trained and loaded without it.
 """
 
 from importlib.util import find_spec
@@ -12,6 +12,7 @@ from typing import Any
 from lerobot_gcdt.baselines.configuration_iql import IQLConfig
 from lerobot_gcdt.baselines.modeling_bc import BCPolicy
 from lerobot_gcdt.baselines.modeling_dt import DTPolicy
+from lerobot_gcdt.baselines.modeling_plas import PLASPolicy
 from lerobot_gcdt.baselines.modeling_vinn import VINNPolicy
 from lerobot_gcdt.policy.configuration_gcdt import GCDTConfig
 from lerobot_gcdt.policy.modeling_gcdt import GCDTPolicy
@@ -27,6 +28,7 @@ __all__ = [
     "GCDTConfig",
     "GCDTPolicy",
     "IQLConfig",
+    "PLASPolicy",
     "VINNPolicy",
     "make_gcdt_pre_post_processors",
 ]

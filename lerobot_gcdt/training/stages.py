@@ -47,6 +47,7 @@ RECIPES = {
     ("dt", "scratch"): Recipe(5_000, 8),
     ("vinn", "scratch"): Recipe(1, 8),
     ("iql", "scratch"): Recipe(12_000, 4),
+    ("plas", "scratch"): Recipe(12_000, 4),
     # Small enough for a few dozen numbers, and observed anew every second or two: LeRobot's settings are for pictures.
     ("act", "scratch"): _lerobots(
         *(5_000, 32, "MEAN_STD", "chunk_size=10", "n_action_steps=5", "dim_model=128", "n_heads=4"),

@@ -11,7 +11,7 @@ from lerobot_gcdt.keys import ACHIEVED_GOAL, ENVIRONMENT_STATE, GOAL, STATE
 from lerobot_gcdt.training.stages import RECIPES
 
 
-@pytest.fixture(scope="module", params=["bc", "dt", "vinn", "iql", "act", "diffusion"])
+@pytest.fixture(scope="module", params=["bc", "dt", "vinn", "iql", "plas", "act", "diffusion"])
 def policy(request, needle_reach_root, command, tmp_path_factory):
     """Each rival after one step, between its processors."""
     if request.param == "diffusion":
