@@ -31,7 +31,11 @@ METHODS = {
 }
 """The methods in the order of their columns, and what they are called there."""
 
-DEMONSTRATIONS = {"published-100": "100 demonstrations", "published-large": "440 demonstrations"}
+DEMONSTRATIONS = {
+    "plain-100": "100 demonstrations without pushes",
+    "published-100": "100 demonstrations",
+    "published-large": "440 demonstrations",
+}
 """What the README shows of each of these protocols: the methods that were tried in all tasks."""
 
 STARTS = range(400_000, 400_200)
