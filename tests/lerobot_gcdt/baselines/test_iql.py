@@ -9,7 +9,6 @@ from lerobot_gcdt.baselines import configuration_iql
 from lerobot_gcdt.baselines.configuration_iql import IQLConfig
 from lerobot_gcdt.baselines.modeling_iql import IQLPolicy
 from lerobot_gcdt.errors import OptionError
-from lerobot_gcdt.keys import ACHIEVED_GOAL, GOAL, STATE
 
 
 @pytest.fixture
@@ -19,32 +18,18 @@ def policy(needle_pick_meta):
     return IQLPolicy(config, dataset_meta=needle_pick_meta)
 
 
-def observation(batch):
-    return {STATE: torch.randn(batch, 19), GOAL: torch.randn(batch, 3), ACHIEVED_GOAL: torch.randn(batch, 3)}
-
-
-def train(policy, steps):
-    optimiser = torch.optim.AdamW(policy.get_optim_params(), lr=3e-3)
-    policy.train()
-    for _ in range(steps):
-        policy.forward({"index": torch.arange(0, 200, 50)})[0].backward()
-        optimiser.step()
-        optimiser.zero_grad()
-    return policy.eval()
-
-
 def test_lerobot_knows_it_by_name():
     assert PreTrainedConfig.get_choice_class("iql") is IQLConfig
     assert get_policy_class("iql") is IQLPolicy
 
 
-def test_training_lowers_the_error_of_the_actions(policy):
+def test_training_lowers_the_error_of_the_actions(policy, train):
     batch = {"index": torch.arange(200)}
     before = policy.eval().forward(batch)[0]
     assert train(policy, 150).forward(batch)[0] < before / 3
 
 
-def test_values_rise_towards_the_goal(policy):
+def test_values_rise_towards_the_goal(policy, train):
     train(policy, 300)
     seen = policy._seen({key: value[:50] for key, value in policy._bank.items.items()})
     with policy.iql.value_network_params.to_module(policy.iql.value_network):
@@ -52,7 +37,7 @@ def test_values_rise_towards_the_goal(policy):
     assert values[-5:].mean() > values[:5].mean() + 0.5
 
 
-def test_targets_follow_the_action_values_slowly(policy):
+def test_targets_follow_the_action_values_slowly(policy, train):
     before = policy.iql.target_qvalue_network_params.clone()
     train(policy, 3)
     moved = (policy.iql.target_qvalue_network_params - before).abs().sum()
@@ -63,12 +48,11 @@ def test_targets_follow_the_action_values_slowly(policy):
 
 
 @pytest.mark.parametrize("mode", [True, False], ids=["in training", "in evaluation"])
-def test_what_is_saved_acts_and_trains_on_alike(policy, needle_pick_meta, tmp_path, mode):
+def test_what_is_saved_acts_and_trains_on_alike(policy, train, observation, needle_pick_meta, tmp_path, mode):
     train(policy, 3).train(mode).save_pretrained(tmp_path)
     policy.eval()
     loaded = IQLPolicy.from_pretrained(tmp_path, dataset_meta=needle_pick_meta)
-    batch = observation(4)
-    assert torch.equal(loaded.select_action(batch), policy.select_action(batch))
+    assert torch.equal(loaded.select_action(observation), policy.select_action(observation))
     index = {"index": torch.arange(0, 200, 20)}
     assert torch.equal(loaded.train().forward(index)[0], policy.train().forward(index)[0])
 

@@ -9,7 +9,6 @@ from lerobot_gcdt import PLASPolicy
 from lerobot_gcdt.baselines.configuration_plas import PLASConfig
 from lerobot_gcdt.baselines.reward_learner import Transitions
 from lerobot_gcdt.errors import OptionError
-from lerobot_gcdt.keys import ACHIEVED_GOAL, GOAL, STATE
 
 NETWORKS = ("encoder", "decoder", "latent_policy", "critics")
 
@@ -26,20 +25,6 @@ def transitions(policy):
     """Steps of 16 random states."""
     seen, then = torch.randn(2, 16, 25)
     return Transitions(seen, torch.rand(16, 5) * 2 - 1, -torch.ones(16, 1), then)
-
-
-def observation(batch):
-    return {STATE: torch.randn(batch, 19), GOAL: torch.randn(batch, 3), ACHIEVED_GOAL: torch.randn(batch, 3)}
-
-
-def train(policy, steps):
-    optimiser = torch.optim.AdamW(policy.get_optim_params(), lr=3e-3)
-    policy.train()
-    for _ in range(steps):
-        policy.forward({"index": torch.arange(0, 200, 50)})[0].backward()
-        optimiser.step()
-        optimiser.zero_grad()
-    return policy.eval()
 
 
 def test_lerobot_knows_it_by_name():
@@ -65,7 +50,7 @@ def test_a_loss_moves_its_own_networks_only(policy, transitions, loss, moved):
             assert gradients == [None] * len(gradients)
 
 
-def test_training_lowers_the_error_of_the_actions(policy):
+def test_training_lowers_the_error_of_the_actions(policy, train):
     batch = {"index": torch.arange(200)}
     before = policy.eval().forward(batch)[0]
     assert train(policy, 150).forward(batch)[0] < before / 2
@@ -107,7 +92,7 @@ def test_targets_are_between_the_two_action_values(policy, transitions):
     assert policy.critics_loss(transitions).item() == pytest.approx(expected, rel=1e-5)
 
 
-def test_targets_follow_slowly_and_are_no_parameters(policy):
+def test_targets_follow_slowly_and_are_no_parameters(policy, train):
     start = [weight.clone() for weight in policy.critics.parameters()]
     train(policy, 3).train()
     for before, slow, now in zip(start, policy.slow_critics.buffers(), policy.critics.parameters(), strict=True):
@@ -116,12 +101,11 @@ def test_targets_follow_slowly_and_are_no_parameters(policy):
 
 
 @pytest.mark.parametrize("mode", [True, False], ids=["in training", "in evaluation"])
-def test_what_is_saved_acts_and_trains_on_alike(policy, needle_pick_meta, tmp_path, mode):
+def test_what_is_saved_acts_and_trains_on_alike(policy, train, observation, needle_pick_meta, tmp_path, mode):
     train(policy, 3).train(mode).save_pretrained(tmp_path)
     policy.eval()
     loaded = PLASPolicy.from_pretrained(tmp_path, dataset_meta=needle_pick_meta)
-    batch = observation(4)
-    assert torch.equal(loaded.select_action(batch), policy.select_action(batch))
+    assert torch.equal(loaded.select_action(observation), policy.select_action(observation))
 
     def loss(learner):
         torch.manual_seed(0)
