@@ -5,6 +5,9 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+BUILT_IN = "generalist"
+"""What names the policy that comes with the package."""
+
 EXECUTORS = {
     "local": set[str](),
     "slurm": {"partition", "time", "cpus_per_task", "gpus_per_task", "dry_run"},
@@ -99,4 +102,4 @@ def checkpoint_of(named: str) -> Path:
     from lerobot_gcdt import GENERALIST
     from lerobot_gcdt.training import checkpoint
 
-    return GENERALIST if named == "generalist" else checkpoint(named)
+    return GENERALIST if named == BUILT_IN else checkpoint(named)

@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from gcdt_cli.options import check_folder
+from gcdt_cli.options import BUILT_IN, check_folder, checkpoint_of
 
 EXAMPLE = "example: gcdt train --dataset datasets/surrol_needle_pick --output outputs/needle_pick"
 
@@ -26,7 +26,9 @@ def add(commands: Any) -> None:
         help="pretrain: all objectives, on many tasks; generalist: then the actions alone; finetune: then one task "
         "(default with --start); scratch: from random weights (default without)",
     )
-    train.add_argument("--start", type=Path, help="training, or folder of a checkpoint, to begin with")
+    train.add_argument(
+        "--start", help="what to begin with: a training, folder of a checkpoint, or generalist, which is built in"
+    )
     train.add_argument("--steps", type=int, help="optimiser steps (default: what the stage needs, of gcdt and bc)")
     train.add_argument("--device", help="where to train, such as cpu or cuda (default: LeRobot chooses)")
     train.add_argument(
@@ -38,9 +40,10 @@ def add(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> None:
     check_folder(options.dataset, f"`gcdt record --task TASK --root {options.dataset}` records a dataset")
-    if options.start:
-        check_folder(options.start, f"`gcdt train --dataset DATASET --output {options.start}` trains a policy")
+    if options.start and options.start != BUILT_IN:
+        check_folder(Path(options.start), f"`gcdt train --dataset DATASET --output {options.start}` trains a policy")
 
     from lerobot_gcdt.training import train
 
+    options.start = checkpoint_of(options.start) if options.start else None
     train(**{name: value for name, value in vars(options).items() if name not in ("command", "run")})

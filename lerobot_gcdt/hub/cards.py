@@ -56,7 +56,7 @@ With the plugin `lerobot-policy-gcdt` installed:
 
 ```bash
 lerobot-train --policy.type=gcdt --policy.push_to_hub=false --dataset.repo_id={repo_id} \\
-  {stage}--batch_size=4 --num_workers=0 --output_dir=outputs/{title}
+  {stage} --num_workers=0 --output_dir=outputs/{title}
 ```
 
 ## Limits
@@ -187,7 +187,9 @@ def card(facts: dict, repo_id: str, pictures: str) -> str:
         ),
         body=(_merged_body if merged else _body)(facts, name, pictures),
         repo_id=repo_id,
-        stage="--policy.training_stage=pretrain --steps=20000 " if merged else "--steps=1000 ",
+        stage="--policy.training_stage=pretrain --steps=20000 --batch_size=4"
+        if merged
+        else "--steps=12000 --batch_size=2",
         limits="\n".join(textwrap.fill(f"* {limit}", 120, subsequent_indent="  ") for limit in _limits(parts)),
         licence="Apache-2.0, but for imported episodes, whose licence is that of their files"
         if imported

@@ -13,6 +13,7 @@ import pytest
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
 import gcdt_cli as cli
+from lerobot_gcdt import GENERALIST
 from lerobot_gcdt.recording.features import Extras
 from lerobot_gcdt.recording.fields import FIELDS
 from lerobot_gcdt.training.stages import STAGES
@@ -35,11 +36,13 @@ def test_help_shows_an_example(arguments, capsys):
 
 @pytest.mark.parametrize(
     ("command", "module"),
-    zip(
-        ("record", "import", "merge", "train", "evaluate", "benchmark", "publish", "export-dvrk"),
-        cli.COMMANDS,
-        strict=True,
-    ),
+    [
+        *zip(
+            ("record", "import", "merge", "train", "evaluate", "benchmark", "publish", "export-dvrk"),
+            cli.COMMANDS,
+            strict=True,
+        )
+    ],
 )
 def test_the_example_in_the_help_is_a_valid_command(command, module, capsys, monkeypatch):
     calls = []
@@ -143,6 +146,13 @@ def test_train_passes_on_what_was_asked_for(tmp_path, monkeypatch):
     command = [part for name, value in asked.items() for part in (f"--{name}", str(value))]
     cli.main(["train", *command, "--", "--policy.chunk_size=5", "--seed=3"])
     assert calls == [asked | {"options": ["--policy.chunk_size=5", "--seed=3"]}]
+
+
+def test_train_begins_with_the_built_in_policy_by_its_name(tmp_path, monkeypatch):
+    calls = []
+    monkeypatch.setattr("lerobot_gcdt.training.train", lambda **arguments: calls.append(arguments))
+    cli.main(["train", "--dataset", str(tmp_path), "--output", str(tmp_path / "x"), "--start", "generalist"])
+    assert calls[0]["start"] == GENERALIST
 
 
 def test_benchmark_passes_on_what_was_asked_for(tmp_path, monkeypatch, capsys):
