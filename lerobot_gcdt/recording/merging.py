@@ -20,7 +20,7 @@ from lerobot.utils.constants import DEFAULT_FEATURES
 from tqdm import tqdm
 
 from lerobot_gcdt.data.columns import read_columns
-from lerobot_gcdt.data.task_layouts import padded_names, table_of, task_layouts
+from lerobot_gcdt.data.task_layouts import TaskLayout, padded_names, table_of, task_layouts
 from lerobot_gcdt.keys import (
     ACHIEVED_GOAL,
     ACTION,
@@ -61,7 +61,8 @@ def merge(roots: Sequence[str | Path], root: str | Path) -> Path:
 
     Raises:
         OSError: Another process merges into the folder.
-        ValueError: There are fewer than two datasets, one was not recorded by ``gcdt record``, or the folder exists.
+        ValueError: There are fewer than two datasets, one was not recorded by ``gcdt record`` or does not fit, or the
+            folder exists.
     """
     sources, root = [Path(r) for r in roots], Path(root)
     if len(sources) < 2 or len({source.name for source in sources}) < len(sources):
@@ -74,17 +75,25 @@ def merge(roots: Sequence[str | Path], root: str | Path) -> Path:
     if lacked:
         raise ValueError(f"Not every dataset has {', '.join(lacked)}; record them with `gcdt record`.")
     for meta in metas:
+        for key, room in PADDED_SIZES.items():
+            if (size := meta.features[key]["shape"][0]) > room:
+                raise ValueError(
+                    f"{meta.root} has {size} numbers in {key}, but merged datasets have room for {room}; leave it out."
+                )
+    features = _padded_features(metas)
+    for meta in metas:
         left_out = sorted(set(meta.features) - {*COLUMNS, *DEFAULT_FEATURES})
         if left_out:
             print(f"Left out of {root}: {', '.join(left_out)} of {meta.root}.")
-    features = _padded_features(metas)
     parts = root.with_name(root.name + ".merging")
     with alone_in(parts):
         if root.exists():
             raise ValueError(f"{root} exists already; choose another folder or remove it.")
         datasets.disable_progress_bars()
+        folder = parts / "copies"  # of their own: a dataset may have any name
+        folder.mkdir(exist_ok=True)
         copies = [
-            _padded_copy(meta, features, parts / source.name)
+            _padded_copy(meta, features, folder / source.name, parts / "unfinished")
             for source, meta in tqdm(zip(sources, metas, strict=True), total=len(metas), desc="Padding", unit="dataset")
         ]
         whole = parts / "merged"
@@ -98,32 +107,45 @@ def merge(roots: Sequence[str | Path], root: str | Path) -> Path:
         facts = {"merged_from": [json.loads((source / RECORDING_FILE).read_text()) for source in sources]}
         (whole / RECORDING_FILE).write_text(json.dumps(facts, indent=2) + "\n")
         os.replace(whole, root)
-        for folder in parts.glob("*/"):
-            shutil.rmtree(folder)
+        for done in parts.glob("*/"):
+            shutil.rmtree(done)
     return root
 
 
 def _padded_features(metas: Sequence[LeRobotDatasetMetadata]) -> dict[str, dict]:
-    """Returns LeRobot's description of the merged columns, with the natural layout of every task."""
+    """Returns LeRobot's description of the merged columns, with the natural layout of every task.
+
+    Raises:
+        ValueError: One task has different layouts.
+    """
     features = {
         key: vector_feature(padded_names(key, PADDED_SIZES[key]))
         if key in PADDED_SIZES
         else {name: metas[0].features[key][name] for name in ("dtype", "shape", "names")}
         for key in COLUMNS
     }
-    layouts = {task: layout for meta in metas for task, layout in task_layouts(meta).items()}
+    layouts: dict[str, TaskLayout] = {}
+    for meta in metas:
+        for task, layout in task_layouts(meta).items():
+            if layouts.setdefault(task, layout) != layout:
+                raise ValueError(
+                    f"The task {task!r} has other numbers in {meta.root} than in the datasets before it: {layout}, not "
+                    f"{layouts[task]}. Leave it out, or record it again with another task_description."
+                )
     features[STATE] |= table_of(layouts)
     return features
 
 
-def _padded_copy(meta: LeRobotDatasetMetadata, features: dict[str, dict], copy: Path) -> Path:
-    """Copies a dataset with its vectors padded; a copy for the same merger that is there already is whole."""
+def _padded_copy(meta: LeRobotDatasetMetadata, features: dict[str, dict], copy: Path, building: Path) -> Path:
+    """Copies a dataset with its vectors padded, by way of a folder for what is not whole yet.
+
+    A copy for the same merger that is there already is whole.
+    """
     note = json.dumps([json.loads((meta.root / RECORDING_FILE).read_text()), features[STATE]["info"]])
     if copy.exists():
         if (copy / RECORDING_FILE).exists() and (copy / RECORDING_FILE).read_text() == note:
             return copy
         shutil.rmtree(copy)
-    building = copy.with_name(copy.name + ".unfinished")
     shutil.rmtree(building, ignore_errors=True)
     dataset = LeRobotDataset.create(
         f"local/{copy.name}",

@@ -11,7 +11,7 @@ from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
 from lerobot_gcdt.data.columns import read_columns
 from lerobot_gcdt.data.task_layouts import TaskLayout, task_layouts
-from lerobot_gcdt.keys import ACTION, STATE
+from lerobot_gcdt.keys import ACTION, GOAL, STATE
 from lerobot_gcdt.recording import merge, record
 from lerobot_gcdt.recording.demonstrations import RECORDING_FILE
 from lerobot_gcdt.recording.features import Extras
@@ -124,6 +124,45 @@ def test_copies_of_an_interrupted_merge_are_made_again_when_the_dataset_was_reco
     record("NeedleReach", 1, 5, reach)
     merged = columns(merge([needle_pick_root, reach], tmp_path / "merged"))
     assert np.array_equal(merged[STATE][200:, :7], columns(reach)[STATE])
+
+
+def test_datasets_may_have_the_names_of_what_a_merge_writes(needle_pick_root, needle_reach_root, tmp_path):
+    named = {"lock": needle_pick_root, "merged": needle_reach_root}
+    for name, root in named.items():
+        (tmp_path / name).symlink_to(root)
+    merged = columns(merge([tmp_path / name for name in named], tmp_path / "both"))
+    assert np.array_equal(merged[STATE][200:, :7], columns(needle_reach_root)[STATE])
+    assert {path.name for path in tmp_path.iterdir()} == {*named, "both"}
+
+
+def changed(root, copy, change):
+    """Copies a dataset and changes the description of its features."""
+    shutil.copytree(root, copy)
+    info = json.loads((copy / "meta/info.json").read_text())
+    change(info["features"])
+    (copy / "meta/info.json").write_text(json.dumps(info))
+    return copy
+
+
+def test_vectors_that_find_no_room_are_named_before_anything_is_written(needle_pick_root, needle_reach_root, tmp_path):
+    def enlarge(features):
+        features[STATE]["shape"] = [40]
+
+    large = changed(needle_reach_root, tmp_path / "large", enlarge)
+    with pytest.raises(ValueError, match="large has 40 numbers in observation.state, .* room for 35; leave it out"):
+        merge([needle_pick_root, large], tmp_path / "merged")
+    assert [path.name for path in tmp_path.iterdir()] == ["large"]
+
+
+def test_a_task_of_two_layouts_is_named_before_anything_is_written(needle_reach_root, tmp_path):
+    def rename(features):
+        features[STATE]["names"][0] = features[GOAL]["names"][0]
+        features[ACTION]["shape"] = [4]
+
+    other = changed(needle_reach_root, tmp_path / "other", rename)
+    with pytest.raises(ValueError, match=f"'{REACH}' has other numbers in .*other .*7, 3, 4.*7, 3, 5.*Leave it out"):
+        merge([needle_reach_root, other], tmp_path / "merged")
+    assert [path.name for path in tmp_path.iterdir()] == ["other"]
 
 
 def test_one_dataset_is_not_enough(needle_pick_root, tmp_path):
