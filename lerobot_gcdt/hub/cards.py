@@ -19,7 +19,7 @@ from lerobot_gcdt.recording.facts import card_facts, frames_of, is_human, is_imp
 from lerobot_gcdt.recording.features import NO_EXTRAS
 from lerobot_gcdt.recording.merging import PADDED_SIZES
 from surrol_gym.quantities import table
-from surrol_gym.registry import env_class, task_spec
+from surrol_gym.registry import env_class, find_law, task_spec
 
 PICTURES = "pictures"
 """Folder of a published dataset that holds a picture of each task."""
@@ -71,7 +71,7 @@ lerobot-train --policy.type=gcdt --policy.push_to_hub=false --dataset.repo_id={r
 """
 
 BODY = """\
-![{task}, the expert half way]({picture})
+![{seen}]({picture})
 
 ## The task
 
@@ -219,6 +219,7 @@ def recording_commands(facts: dict, root: str) -> list[str]:
     extras = facts["extras"]
     options |= {name: ",".join(extras[name]) for name in ("fields", "cameras") if extras[name]}
     options |= {"camera_size": extras["camera_size"]} if extras["cameras"] else {}
+    options |= _imperfections(facts)
     return [" ".join(["gcdt record", *(f"--{name} {value}" for name, value in options.items()), f"--root {root}"])]
 
 
@@ -247,7 +248,7 @@ def _body(facts: dict, name: str, pictures: str) -> str:
     task_class = env_class(facts["env_id"])
     told = sections(task_class)
     return BODY.format(
-        task=task_of(facts),
+        seen=f"{task_of(facts)}, the expert half way" if find_law(task_class) else f"{task_of(facts)} at the start",
         picture=f"{pictures}/{task_of(facts)}.png",
         description=told["Description"],
         reward=told["Rewards"],
@@ -307,7 +308,7 @@ def _origin(facts: dict) -> str:
             f"{last}; the others are left out, and so is what the person began anew. Steps to the first success: "
             f"{steps_to_success(facts)}. Recorded with lerobot-policy-gcdt {facts['package_version']}."
         )
-        return "\n\n".join([person, _pushes([facts])])
+        return "\n\n".join([person, *_sensors([facts]), _pushes([facts])])
     expert = _fill(
         "The expert is a feedback law that reads from the observation what to do next. It succeeded in "
         f"{success_rate(facts)} attempts, the seeds {facts['seed']} to {last}; those that failed are left out. "
@@ -315,28 +316,47 @@ def _origin(facts: dict) -> str:
         f"{limit} steps. Recorded with lerobot-policy-gcdt {facts['package_version']}, whose command writes the "
         "same numbers again."
     )
-    return "\n\n".join([expert, *_policies([facts]), _pushes([facts])])
+    return "\n\n".join([expert, *_policies([facts]), *_sensors([facts]), _pushes([facts])])
 
 
 def _merged_origin(parts: list[dict]) -> list[str]:
     """Where the episodes of a merged dataset come from: the experts, and what was imported."""
     others = [part for part in parts if is_imported(part) or is_human(part)]
     recorded = [part for part in parts if part not in others]
-    return [*([EXPERTS, *_policies(recorded), _pushes(recorded)] if recorded else []), *map(_origin, others)]
+    by_experts = [EXPERTS, *_policies(recorded), *_sensors(recorded), _pushes(recorded)] if recorded else []
+    return [*by_experts, *map(_origin, others)]
 
 
 def _policies(parts: list[dict]) -> list[str]:
     """What the policies did that acted in the expert's place, a paragraph each."""
     return [
         _fill(
-            f"In every episode of {task_of(part)} the policy `{part['policy']}` acted from the start to a step that "
-            "was drawn from the whole episode, and from there on the expert. Where the policy acted, the expert's "
-            f"action was executed with probability {part['mix']:g}. `action` is always what the expert would have "
-            "done, and `disturbance` what was done minus that."
+            f"In {part['episodes']:,} episodes of {task_of(part)} the policy `{part['policy']}` acted from the start "
+            "to a step that was drawn from the whole episode, and from there on the expert. Where the policy acted, "
+            f"the expert's action was executed with probability {part['mix']:g}. `action` is always what the expert "
+            "would have done, and `disturbance` what was done minus that."
         )
         for part in parts
         if "policy" in part
     ]
+
+
+def _sensors(parts: list[dict]) -> list[str]:
+    """What the sensors were that recordings were made through, a paragraph each."""
+    return [
+        _fill(
+            f"Observations and achieved goals of {part['episodes']:,} episodes of {task_of(part)} are what imperfect "
+            f"sensors showed (`surrol_gym.wrappers.ImperfectSensors`): {named}. Success, reward and "
+            "time to goal go by the truth, by which an expert acts, too."
+        )
+        for part in parts
+        if (named := ", ".join(f"{name} = {value}" for name, value in _imperfections(part).items()))
+    ]
+
+
+def _imperfections(facts: dict) -> dict:
+    """The settings of the sensors, without those that change nothing."""
+    return {name: value for name, value in facts.get("sensors", {}).items() if value}
 
 
 def _pushes(parts: list[dict]) -> str:
@@ -370,11 +390,10 @@ def _limits(parts: list[dict]) -> list[str]:
             "Imported episodes are what their files say: scenes and contacts of other versions of SurRoL differ from "
             "those of this package, in which policies are evaluated."
         )
-    failed = {task_of(part): 1 - part["episodes"] / part["attempts"] for part in parts}
-    worst = max(failed, key=failed.__getitem__)
-    if failed[worst]:
+    worst = min(parts, key=lambda part: part["episodes"] / part["attempts"])
+    if failed := 1 - worst["episodes"] / worst["attempts"]:
         limits.append(
-            f"{_percent(failed[worst])} of the attempts{f' at {worst}' if len(parts) > 1 else ''} failed and are not "
+            f"{_percent(failed)} of the attempts{f' at {task_of(worst)}' if len(parts) > 1 else ''} failed and are not "
             "in the data: the episodes are a selection, poor in starts and pushes that the expert did not save."
         )
     if any("policy" in part for part in parts):

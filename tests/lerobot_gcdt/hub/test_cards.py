@@ -166,6 +166,23 @@ def test_failed_attempts_are_told_among_the_limits(needle_reach_root):
     assert "60 % of the attempts failed" in " ".join(card(facts | {"attempts": 10}, "me/reach", "pictures").split())
 
 
+def test_the_worst_of_several_recordings_of_one_task_is_told(needle_reach_root):
+    part = card_facts(needle_reach_root)
+    text = card({"merged_from": [part | {"attempts": 10}, part | {"seed": 50}]}, "me/thing", "pictures")
+    assert "60 % of the attempts at NeedleReach failed" in " ".join(text.split())
+
+
+def test_imperfect_sensors_are_told_where_there_were_any(needle_reach_root):
+    facts = card_facts(needle_reach_root)
+    assert "sensors" not in card(facts, "me/reach", "pictures")
+    noisy = facts | {"sensors": {"position_std": 0.01, "angle_std": 0.0, "dropout": 0.0, "delay": 2}}
+    for whole in (noisy, {"merged_from": [facts, noisy]}):
+        told = " ".join(card(whole, "me/reach", "pictures").split())
+        assert "--disturb 0.0 --position_std 0.01 --delay 2 --root" in told
+        assert "4 episodes of NeedleReach are what imperfect sensors showed" in told
+        assert ": position_std = 0.01, delay = 2." in told
+
+
 def test_pushes_are_told_where_there_were_any(needle_reach_root, rich_root):
     assert "was pushed" in dataset_card(rich_root) and "in 20 % of the steps, by up to 0.3 of" in (
         " ".join(dataset_card(rich_root).split())
@@ -209,7 +226,7 @@ def test_recordings_of_one_task_are_made_in_folders_of_their_own(needle_reach_ro
     learned = part | {"policy": "outputs/reach", "mix": 0.0}
     text = card({"merged_from": [part, learned]}, "me/thing", "pictures")
     assert "--root datasets/surrol_needle_reach\n" in text and "--root datasets/surrol_needle_reach_1\n" in text
-    assert "policy `outputs/reach`" in text
+    assert "In 4 episodes of NeedleReach the policy `outputs/reach`" in " ".join(text.split())
 
 
 def test_a_merger_of_mergers_is_described_by_its_recordings(uneven_root):
