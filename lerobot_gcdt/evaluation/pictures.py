@@ -16,6 +16,7 @@ import surrol_gym
 from lerobot_gcdt.evaluation.rollout import rollout
 from surrol_gym.envs.goal_env import GoalEnv
 from surrol_gym.envs.psm_env import unwrapped
+from surrol_gym.registry import find_law
 
 REACHED, MISSED = "#1a7f5a", "#c0392b"
 
@@ -76,6 +77,8 @@ def strips(policy: Any, task: str, seeds: Iterable[int], path: str | Path, colum
 def halfway(task: str, width: int = 320, height: int = 240) -> Image.Image:
     """Draws a task at the moment at which the expert, from seed 0, is half way to its first success.
 
+    An expert that misses the goal is drawn half way to the time limit, and a task without an expert at its start.
+
     Args:
         task: Name of the task.
         width: Pixels.
@@ -85,18 +88,20 @@ def halfway(task: str, width: int = 320, height: int = 240) -> Image.Image:
         The picture.
     """
     env = gym.make(surrol_gym.find_task(task))
-    expert = surrol_gym.make_expert(env)
-    observation, _ = env.reset(seed=0)
-    actions, success = [], False
-    while not success:
-        actions.append(expert.act(observation))
-        observation, _, _, _, info = env.step(actions[-1])
-        success = info["is_success"]
-    env.reset(seed=0)
-    for action in actions[: len(actions) // 2]:
-        env.step(action)
-    picture = Image.fromarray(unwrapped(env).picture("closeup", 2 * width, 2 * height))
-    env.close()
+    try:
+        observation, _ = env.reset(seed=0)
+        if find_law(type(unwrapped(env))):
+            expert, actions, ended = surrol_gym.make_expert(env), [], False
+            while not ended:
+                actions.append(expert.act(observation))
+                observation, _, _, truncated, info = env.step(actions[-1])
+                ended = truncated or info["is_success"]
+            env.reset(seed=0)
+            for action in actions[: len(actions) // 2]:
+                env.step(action)
+        picture = Image.fromarray(unwrapped(env).picture("closeup", 2 * width, 2 * height))
+    finally:
+        env.close()
     return picture.resize((width, height), Image.Resampling.LANCZOS)
 
 

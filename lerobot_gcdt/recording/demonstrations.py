@@ -30,6 +30,7 @@ from lerobot_gcdt.recording.persons import Person
 from lerobot_gcdt.recording.writing import save_episode
 from surrol_gym.by_hand import Stop
 from surrol_gym.envs.psm_env import Mount, unwrapped
+from surrol_gym.registry import env_class, find_law
 from surrol_gym.wrappers import ImperfectSensors, complete_sensors
 
 RECORDING_FILE = "meta/surrol.json"
@@ -107,7 +108,8 @@ def record(
         task: Name of the task; see ``surrol_gym.find_task``.
         episodes: Number of successful episodes.
         seed: Seed of the first episode.
-        root: Folder of the dataset; calling again with the same arguments goes on with an interrupted recording.
+        root: Folder of the dataset; calling again with the same arguments goes on with an interrupted recording. The
+            number of episodes may then be another one, from that of the finished ones on.
         disturb: Size of the pushes that divert the arm, in [0, 1]; see ``run_episode``.
         extras: What to record beside what every dataset holds.
         on_episode: Called for every episode that is there; nothing is printed then.
@@ -120,7 +122,8 @@ def record(
         The folder.
 
     Raises:
-        ValueError: The task is unknown, a number or a sensor is out of range, or the folder holds something else.
+        ValueError: The task is unknown or has no expert, a number or a sensor is out of range, or the folder holds
+            something else.
         OSError: The disk is full, something else keeps files from being written, or another process records there;
             what is finished is kept.
         RuntimeError: The expert fails again and again, or the person stops; what is finished is kept.
@@ -173,6 +176,8 @@ def check_recording(
         raise ValueError(f"A recording needs at least one episode and a seed from 0, got {episodes} and {seed}.")
     if not 0 <= disturb <= 1:
         raise ValueError(f"The size of disturbances must lie in [0, 1], got {disturb}.")
+    if not person and not find_law(env_class(env_id)):
+        raise ValueError(f"{env_id} has no scripted expert; register it with one, or act yourself with --teleop.")
     wanted = Recording(env_id, episodes, seed, float(disturb), extras, version("lerobot_policy_gcdt"))
     if disturb:
         wanted = replace(wanted, push_rate=PUSH_RATE)
@@ -318,25 +323,33 @@ def _record_episodes(
                     except Stop:
                         raise RuntimeError(
                             f"Stopped. The {len(kept)} episodes of {wanted.episodes} that are finished are kept in "
-                            f"{parts}; the same command goes on with seed {seed}."
+                            f"{parts}; the same command goes on with seed {seed}"
+                            + (f", and with --episodes {len(kept)} it ends with these." if kept else ".")
                         ) from None
                     np.savez_compressed(stream, **episode)  # type: ignore[arg-type]  # none is called allow_pickle
                 os.replace(unfinished, file)
-            with np.load(file) as episode:
-                if episode["success"].any():
-                    kept.append(file)
-                    on_episode()
-                    failures = 0
-                else:
-                    failures += 1
+            if _succeeded(file):
+                kept.append(file)
+                on_episode()
+                failures = 0
+            else:
+                failures += 1
             attempt += 1
             if failures == FAILURES_IN_A_ROW:
                 raise RuntimeError(
                     f"{'A policy and the' if learner else 'The'} expert of {wanted.env_id} failed {failures} times in "
                     f"a row, the last time with seed {wanted.seed + attempt - 1}; the {len(kept)} successful episodes "
-                    f"are kept in {parts}. Ask for fewer episodes, or start from another seed in another folder."
+                    f"are kept in {parts}. "
+                    + (f"Ask for these with --episodes {len(kept)}, or start" if kept else "Start")
+                    + " from another seed in another folder."
                 )
     return kept
+
+
+def _succeeded(file: Path) -> bool:
+    """Whether a finished attempt ended in success."""
+    with np.load(file) as episode:
+        return bool(episode["success"].any())
 
 
 def _read_columns(file: Path) -> dict[str, np.ndarray]:
@@ -389,11 +402,19 @@ def sort_statistics(root: Path) -> None:
 
 
 def _prepare_parts(wanted: Recording, parts: Path) -> None:
-    """Notes the recording in the folder of finished episodes, or checks that it belongs to the same one."""
+    """Notes the recording in the folder of finished episodes, and checks that they belong to it.
+
+    An episode does not depend on how many there are, so this number may differ from that of an earlier call.
+    """
     note = parts / PARTS_NOTE
     if note.exists():
-        _check_same(wanted, note, parts)
-        return
+        _check_same(replace(wanted, episodes=json.loads(note.read_text())["episodes"]), note, parts)
+        kept = sum(map(_succeeded, parts.glob("*.npz")))
+        if wanted.episodes < kept:
+            raise ValueError(
+                f"{parts} holds {kept} finished episodes, more than {wanted.episodes}; ask for at least as many, or "
+                "choose another --root."
+            )
     (parts / UNFINISHED_NOTE).write_text(json.dumps(wanted.facts()))
     os.replace(parts / UNFINISHED_NOTE, note)
 

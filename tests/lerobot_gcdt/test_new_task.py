@@ -82,6 +82,24 @@ def test_the_environment_type_knows_its_sizes():
 
 
 @pytest.fixture
+def no_expert(root, monkeypatch):
+    """Lets the task have no expert."""
+    monkeypatch.setitem(registry._laws, "new_task:PushBlockEnv", None)
+
+
+def test_without_an_expert_nothing_is_recorded_and_it_is_told(no_expert, tmp_path):
+    with pytest.raises(SystemExit, match="PushBlock-v0 has no scripted expert; register it .* --teleop"):
+        gcdt_cli.main(["record", "--task", TASK, "--root", str(tmp_path / "push_block")])
+    assert not list(tmp_path.iterdir())
+
+
+def test_without_an_expert_a_dataset_is_published_with_a_picture_of_the_start(no_expert, root, capsys):
+    gcdt_cli.main(["publish", str(root), "--repo_id", "me/push_block", "--dry_run"])
+    assert "pictures/PushBlock.png" in capsys.readouterr().out
+    assert "![PushBlock at the start](pictures/PushBlock.png)" in dataset_card(root)
+
+
+@pytest.fixture
 def package(tmp_path, monkeypatch):
     """A package that registers the task of one of its modules; gone after the test."""
     source = EXAMPLE.read_text().replace("PushBlock", "NudgeBlock")

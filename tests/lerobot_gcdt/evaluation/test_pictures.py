@@ -1,6 +1,7 @@
 """Films show every step of every episode, and say when the goal is reached."""
 
 import importlib
+from types import SimpleNamespace
 
 import av
 import matplotlib
@@ -10,8 +11,9 @@ import pytest
 import torch
 from PIL import Image
 
+import surrol_gym
 from lerobot_gcdt.evaluation import pictures
-from lerobot_gcdt.evaluation.pictures import film, strips
+from lerobot_gcdt.evaluation.pictures import film, halfway, strips
 
 
 class Still:
@@ -55,6 +57,13 @@ def test_strips_go_from_the_first_step_of_each_episode_to_its_last(tmp_path):
     bars = strip[[92, 188], 90::96]  # below the right edge of each picture
     is_green = bars[..., 1] > bars[..., 0] + 50
     assert is_green.tolist() == [[False, True, True]] * 2
+
+
+def test_a_task_is_drawn_even_if_its_expert_misses_the_goal(monkeypatch):
+    left = [np.zeros(5, dtype=np.float32)] * 100
+    monkeypatch.setattr(surrol_gym, "make_expert", lambda env: SimpleNamespace(act=lambda observation: left.pop()))
+    assert halfway("NeedleReach", 64, 48).size == (64, 48)
+    assert len(left) == 50
 
 
 def test_the_backend_of_a_notebook_stays_as_it_is(tmp_path, monkeypatch):

@@ -104,7 +104,9 @@ def test_an_expert_that_fails_again_and_again_is_an_error_that_keeps_what_is_fin
 
     monkeypatch.setattr(demonstrations, "run_episode", fails_after_successes)
     for _ in range(2):  # the second time, no attempt is repeated
-        with pytest.raises(RuntimeError, match=f"NeedleReach.* 50 times in a row.* the {successes} successful"):
+        advice = f"with --episodes {successes}, or start" if successes else "Start"
+        told = f"NeedleReach.* 50 times in a row.* the {successes} successful .*{advice} from another seed"
+        with pytest.raises(RuntimeError, match=told):
             demonstrations.record("NeedleReach", 3, 0, tmp_path / "reach")
         assert ran == list(range(successes + 50))
     assert not (tmp_path / "reach").exists()
@@ -577,6 +579,36 @@ def test_finished_episodes_are_not_run_again(tmp_path, interrupted_in_the_second
     assert not (tmp_path / "reach").exists()
     demonstrations.record("NeedleReach", 2, 0, tmp_path / "reach")
     assert interrupted_in_the_second == [0, 1, 1]
+
+
+@pytest.mark.parametrize("fewer", [1, 2])
+def test_an_unfinished_recording_ends_with_another_number_of_episodes(
+    reach_pair, tmp_path, interrupted_in_the_second, fewer
+):
+    with pytest.raises(KeyboardInterrupt):
+        demonstrations.record("NeedleReach", 3, 0, tmp_path / "reach")
+    root = demonstrations.record("NeedleReach", fewer, 0, tmp_path / "reach")
+    assert facts(root)["episodes"] == len(episodes(root)) == fewer
+    if fewer == 2:
+        assert files(root) == files(reach_pair)
+    assert [path.name for path in tmp_path.iterdir()] == ["reach"]
+
+
+def test_finished_episodes_are_not_thrown_away_for_a_smaller_number(tmp_path, monkeypatch):
+    run_episode = demonstrations.run_episode
+
+    def interrupted_in_the_third(env, seed, *options):
+        if seed == 2:
+            raise KeyboardInterrupt
+        return run_episode(env, seed, *options)
+
+    monkeypatch.setattr(demonstrations, "run_episode", interrupted_in_the_third)
+    with pytest.raises(KeyboardInterrupt):
+        demonstrations.record("NeedleReach", 3, 0, tmp_path / "reach")
+    before = files(tmp_path)
+    with pytest.raises(ValueError, match="reach.recording holds 2 finished episodes, more than 1; ask for at least"):
+        demonstrations.record("NeedleReach", 1, 0, tmp_path / "reach")
+    assert files(tmp_path) == before
 
 
 def test_a_second_process_in_the_same_folder_is_refused_until_the_first_is_gone(reach_pair, tmp_path, at_work):

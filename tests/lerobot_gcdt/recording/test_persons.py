@@ -118,7 +118,9 @@ def test_the_card_says_who_acted(human_root):
 def test_who_stops_keeps_what_is_finished_and_goes_on_later(tmp_path):
     command = Rehearsed(0)
     command.left += [np.array([0, 0, 0, 0, -1], dtype=np.float32)] * 4
-    with pytest.raises(RuntimeError, match="The 1 episodes of 2 that are finished.*goes on with seed 1"):
+    with pytest.raises(
+        RuntimeError, match="The 1 episodes of 2 that are finished.*goes on with seed 1, and with --episodes 1"
+    ):
         record("NeedleReach", 2, 0, tmp_path / "reach", person=Person("keyboard", command, window=False))
     assert not (tmp_path / "reach").exists()
     command = Rehearsed(1)
