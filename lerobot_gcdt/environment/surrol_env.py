@@ -14,7 +14,7 @@ from lerobot.processor.pipeline import ObservationProcessorStep, ProcessorStepRe
 from lerobot_gcdt.errors import OptionError
 from lerobot_gcdt.keys import ACHIEVED_GOAL, ACTION, ENVIRONMENT_STATE, GOAL, STATE, image_key
 from surrol_gym.registry import NAMESPACE, env_class, find_task
-from surrol_gym.wrappers import IDEAL, imperfect
+from surrol_gym.wrappers import IDEAL, complete_sensors, imperfect
 
 if TYPE_CHECKING:
     from surrol_gym.envs.psm_env import PSMEnv
@@ -85,7 +85,7 @@ class SurRoLEnvConfig(EnvConfig):
         action_std: Noise of what they do, as ``surrol_gym.wrappers.NoisyActions`` takes it.
 
     Raises:
-        OptionError: A task is not registered, or does not have one of ``cameras``.
+        OptionError: A task is not registered, or lacks one of the cameras, or a number is out of range.
     """
 
     task: str = "NeedlePick-v0"
@@ -111,8 +111,15 @@ class SurRoLEnvConfig(EnvConfig):
                 raise OptionError(f"env.task: {error}") from None
             if not set(self._cameras()) <= set(has):
                 raise OptionError(f"{task} has the cameras {', '.join(has)}; got env.cameras={self.cameras}.")
-        if self.camera_size < 1:
-            raise OptionError(f"env.camera_size must be positive, got {self.camera_size}.")
+            if self.camera not in has:
+                raise OptionError(f"{task} has the cameras {', '.join(has)}; got env.camera={self.camera}.")
+        for name in ("width", "height", "camera_size"):
+            if getattr(self, name) < 1:
+                raise OptionError(f"env.{name} must be positive, got {getattr(self, name)}.")
+        try:
+            complete_sensors(self._imperfections(), IDEAL)
+        except ValueError as error:
+            raise OptionError(f"env.{error}") from None
         env = env_class(self._tasks()[0])
         self.features = {
             ACTION: PolicyFeature(FeatureType.ACTION, (len(env.action_names),)),
@@ -166,12 +173,15 @@ class SurRoLEnvConfig(EnvConfig):
     def _cameras(self) -> list[str]:
         return [camera.strip() for camera in self.cameras.split(",") if camera.strip()]
 
+    def _imperfections(self) -> dict[str, Any]:
+        return {name: getattr(self, name) for name in IDEAL}
+
     def _create(self, env_id: str, n_envs: int, use_async_envs: bool) -> gym.vector.VectorEnv:
         def make() -> gym.Env:
             env = gym.make(env_id, disable_env_checker=True, **self.gym_kwargs)
             if self.cameras:
                 env = CameraPictures(env, self._cameras(), self.camera_size)
-            return imperfect(env, {name: getattr(self, name) for name in IDEAL})
+            return imperfect(env, self._imperfections())
 
         makers = [freeze_after_episode_end(make)] * n_envs
         mode = gym.vector.AutoresetMode.NEXT_STEP

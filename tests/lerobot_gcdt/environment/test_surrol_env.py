@@ -243,17 +243,27 @@ def test_an_unknown_camera_of_policies_names_the_known_ones():
     ("picture", "named"),
     [
         ({"camera": "endoscope"}, "endoscope"),
-        ({"width": 0}, "0"),
-        ({"height": -8}, "-8"),
+        ({"width": 0}, "width must be positive, got 0"),
+        ({"height": -8}, "height must be positive, got -8"),
         ({"camera_size": 0}, "camera_size"),
     ],
     ids=["camera", "width", "height", "camera_size"],
 )
-def test_a_bad_picture_is_one_error_that_names_it(picture, named, make):
-    with pytest.raises((OptionError, ValueError), match=named):
-        make(SurRoLEnvConfig(**picture))
+def test_a_bad_picture_is_one_error_that_names_it(picture, named):
+    with pytest.raises(OptionError, match=named):
+        SurRoLEnvConfig(**picture)
 
 
-def test_sensors_out_of_range_are_named(make):
-    with pytest.raises(ValueError, match="dropout is a probability, in .* got 2"):
-        make(SurRoLEnvConfig(task="NeedleReach-v0", dropout=2.0))
+@pytest.mark.parametrize(
+    ("sensors", "told"),
+    [
+        ({"dropout": 2.0}, "env.dropout is a probability, in .* got 2"),
+        ({"position_std": -1.0}, "env.position_std must be a finite number from 0 on, got -1"),
+        ({"delay": -1}, "env.delay must be a whole number of steps from 0 on, got -1"),
+        ({"action_std": float("nan")}, "env.action_std must be a finite number from 0 on, got nan"),
+    ],
+    ids=["dropout", "position_std", "delay", "action_std"],
+)
+def test_sensors_out_of_range_are_named_before_an_environment_is_made(sensors, told):
+    with pytest.raises(OptionError, match=told):
+        SurRoLEnvConfig(task="NeedleReach-v0", **sensors)
