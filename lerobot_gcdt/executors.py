@@ -56,7 +56,7 @@ def run_units(
     Raises:
         FileNotFoundError: There is no Slurm here.
         RuntimeError: Slurm refuses, or a unit failed under Ray; what is finished is kept.
-        ChildProcessError: A process here was killed; what is finished is kept.
+        ChildProcessError: A process here was killed or ended by itself; what is finished is kept.
         Exception: What a local unit raises; what is finished is kept.
     """
     logs = Path(root).absolute() / "executor" / _digest(units)
@@ -91,13 +91,17 @@ def _end_with(parent: Any) -> None:
 
 @contextmanager
 def _killed_workers_told() -> Iterator[None]:
-    """Raises ChildProcessError when a child process is killed, since datatrove's pool waits for it for ever."""
+    """Raises ChildProcessError when a worker ends too early, since datatrove's pool waits for what it did for ever."""
     children: set[Any] = set()
+    most = 0
 
     def look(number: int, frame: Any) -> None:
-        children.update(multiprocess.active_children())
-        # The pool itself ends its processes with SIGTERM.
-        if any((child.exitcode or 0) < 0 and child.exitcode != -signal.SIGTERM for child in children):
+        nonlocal most
+        alive = multiprocess.active_children()
+        children.update(alive)
+        most = max(most, len(alive))
+        # In the end the pool itself kills its workers. Before, it replaces those that end.
+        if len(alive) == most and any(child.exitcode for child in children):
             raise ChildProcessError("a worker was killed; what is finished is kept, repeat the command to go on")
 
     before = signal.signal(signal.SIGALRM, look)

@@ -50,10 +50,28 @@ def test_other_units_are_not_taken_for_finished_ones(here):
 
 
 @pytest.mark.study  # every worker imports the package anew
-def test_a_killed_worker_ends_the_command(here):
+@pytest.mark.parametrize(
+    "end",
+    [*shell("kill -KILL $PPID", "kill -TERM $PPID"), partial(os._exit, 3)],
+    ids=["SIGKILL", "SIGTERM", "status 3"],
+)
+def test_a_killed_worker_ends_the_command(here, end):
     with pytest.raises(ChildProcessError, match="a worker was killed; what is finished is kept, repeat"):
-        run_units(shell("kill -9 $PPID", "true"), *shell("touch last"), here, "local", workers=2)
+        run_units([end, *shell("true")], *shell("touch last"), here, "local", workers=2)
     assert not (here / "last").exists()
+
+
+DIES_SLOWLY = """
+import os, signal, time
+
+signal.signal(signal.SIGTERM, lambda *_: (time.sleep(3), os._exit(1)))
+"""
+
+
+@pytest.mark.study
+def test_the_end_of_the_pool_is_not_taken_for_that_of_a_worker(here):
+    run_units([partial(exec, DIES_SLOWLY, {}), *shell("sleep 3")], *shell("touch last"), here, "local", workers=2)
+    assert (here / "last").exists()
 
 
 # Slurm.
