@@ -9,6 +9,7 @@ from typing import Any
 from gcdt_cli.options import (
     add_executor,
     add_sensors,
+    check_folder,
     check_tasks,
     checkpoint_of,
     executor_settings,
@@ -100,6 +101,10 @@ def run(options: argparse.Namespace) -> None:
     executor = executor_settings(options, os.cpu_count() or 1)
     if executor and not options.all:
         raise ValueError(f"--executor {options.executor} runs the recordings of several tasks, with --all.")
+    if not options.all:
+        for name in ("workers", "manifest", "write_manifest"):
+            if getattr(options, name) not in (None, False):
+                raise ValueError(f"--{name} goes with --all, not with a single task.")
     if options.teleop:
         from surrol_gym.display import check_display
 
@@ -120,9 +125,12 @@ def run(options: argparse.Namespace) -> None:
             who["person"] = seat(options.teleop, options.task)
         record(options.task, options.episodes, options.seed, options.root, options.disturb or 0.0, extras, **who)
         return
+    manifest = options.manifest or MANIFEST
+    if options.write_manifest:
+        check_folder(manifest.parent, "name the manifest's file with --manifest")
     disturb = PUBLISHED_DISTURB if options.disturb is None else options.disturb
     asked = (options.root, options.episodes, options.seed, disturb, extras)
-    last = partial(_record_all, *asked, options.workers, options.manifest or MANIFEST, options.write_manifest)
+    last = partial(_record_all, *asked, options.workers, manifest, options.write_manifest)
     if executor:
         from lerobot_gcdt.executors import run_units
 

@@ -81,16 +81,15 @@ def recording_units(
     Arguments and errors are those of ``record_all``; nothing is written.
     """
     jobs = _jobs(root, episodes, seed, disturb, extras)
-    for job in jobs:
-        check_recording(*job)
     return [partial(record, *job) for job in reversed(jobs)]  # the last tasks have the longest episodes
 
 
 def _jobs(root: str | Path, episodes: int, seed: int, disturb: float, extras: Extras) -> list[Job]:
-    """The recordings of all tasks."""
-    for task in surrol_gym.TASKS:
-        extras.check(f"surrol/{task}-v0")
-    return [(task, episodes, seed, Path(root) / dataset_name(task), disturb, extras) for task in surrol_gym.TASKS]
+    """The recordings of all tasks, checked before the first of them begins."""
+    jobs = [(task, episodes, seed, Path(root) / dataset_name(task), disturb, extras) for task in surrol_gym.TASKS]
+    for job in jobs:
+        check_recording(*job)
+    return jobs
 
 
 def _run(jobs: list[Job], workers: int, bar: tqdm) -> None:

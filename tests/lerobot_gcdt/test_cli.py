@@ -352,6 +352,22 @@ def test_a_policy_that_cannot_act_is_told_before_anything_is_recorded(arguments,
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["--task", "NeedleReach", "--workers", "0"], "--workers goes with --all"),
+        (["--task", "NeedleReach", "--manifest", "mine.json"], "--manifest goes with --all"),
+        (["--task", "NeedleReach", "--write_manifest"], "--write_manifest goes with --all"),
+        (["--all", "--write_manifest", "--manifest", "{}/none/mine.json"], "no folder {}/none; name .* --manifest"),
+    ],
+    ids=["workers", "manifest", "writing the manifest", "a manifest in no folder"],
+)
+def test_a_manifest_that_would_not_be_used_or_written_is_told_before_anything_is_recorded(arguments, told, tmp_path):
+    with pytest.raises(SystemExit, match=told.format(tmp_path)):
+        cli.main(["record", *(each.format(tmp_path) for each in arguments), "--root", str(tmp_path / "x")])
+    assert not list(tmp_path.iterdir())
+
+
 SLURM = ["--executor", "slurm", "--partition", "cpu", "--time", "01:00:00"]
 
 

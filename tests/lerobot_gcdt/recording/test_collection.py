@@ -130,12 +130,13 @@ def test_a_merger_of_other_recordings_is_not_taken_for_this_one(recorded, two_ta
         collection.record_all(tmp_path, episodes=2)
 
 
-def test_an_error_of_a_worker_ends_the_command_with_its_message(two_tasks, tmp_path):
+def test_something_else_in_the_place_of_a_recording_is_told_before_any_task_is_begun(two_tasks, tmp_path):
     (tmp_path / "surrol_needle_regrasp.recording").mkdir()
     (tmp_path / "surrol_needle_regrasp.recording/thesis.txt").write_text("ten years of work")
     with pytest.raises(ValueError, match="surrol_needle_regrasp.recording exists and was not written by"):
         collection.record_all(tmp_path, episodes=1, workers=2)
-    assert (tmp_path / "surrol_needle_regrasp.recording/thesis.txt").read_text() == "ten years of work"
+    assert files(tmp_path) == {"surrol_needle_regrasp.recording/thesis.txt": b"ten years of work"}
+    assert len(list(tmp_path.iterdir())) == 1
 
 
 def test_a_second_command_in_the_same_folder_is_refused(two_tasks, tmp_path, at_work):
