@@ -78,8 +78,8 @@ def step_times(device: str, trials: int = 3) -> dict[torch.dtype, float]:
                 start = time.perf_counter()
                 with torch.enable_grad(), torch.autocast(device, torch.bfloat16, enabled=dtype == torch.bfloat16):
                     torch.nn.functional.linear(inputs, weight).sum().backward()
-                if device == "cuda":
-                    torch.cuda.synchronize()
+                if device != "cpu":
+                    torch.accelerator.synchronize()
                 if trial:
                     best[dtype] = min(best[dtype], time.perf_counter() - start)
     finally:

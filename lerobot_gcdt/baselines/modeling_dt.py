@@ -194,6 +194,6 @@ class DTPolicy(AveragedWeights, PreTrainedPolicy):
 
 def _returns_to_go(meta: LeRobotDatasetMetadata, bank: TrajectoryBank) -> Tensor:
     """Sums the rewards from each frame to the end of its episode, shape (frames, 1)."""
-    rewards = torch.from_numpy(read_columns(meta.root, [REWARD])[REWARD]).to(bank.timestep.device)
-    total = rewards.double().cumsum(0)
-    return (total[bank.last] - total + rewards).float()[:, None]
+    rewards = torch.from_numpy(read_columns(meta.root, [REWARD])[REWARD])
+    total = rewards.double().cumsum(0)  # on the CPU, since not every device has float64
+    return (total[bank.last.cpu()] - total + rewards).float()[:, None].to(bank.timestep.device)

@@ -51,6 +51,7 @@ def measure(root: Path, device: str, context_length: int, rounds: int = 10) -> l
     Returns:
         A line a figure.
     """
+    kind = torch.device(device).type
     meta = LeRobotDatasetMetadata(f"local/{root.name}", root=root)
     config = GCDTConfig(context_length=context_length, device=device, push_to_hub=False)
     policy = GCDTPolicy(config, dataset_meta=meta).train()
@@ -73,8 +74,8 @@ def measure(root: Path, device: str, context_length: int, rounds: int = 10) -> l
 
     def bare() -> torch.Tensor:
         tokens = torch.randn(r, s * kinds, config.width, device=device)
-        with training_precision(config.dtype, device):
-            return policy.transformer(tokens, mask.to(autocast_dtype(device))).square().mean()
+        with training_precision(config.dtype, kind):
+            return policy.transformer(tokens, mask.to(autocast_dtype(kind))).square().mean()
 
     def whole() -> torch.Tensor:
         return policy.forward({"index": index})[0]
@@ -93,7 +94,7 @@ def measure(root: Path, device: str, context_length: int, rounds: int = 10) -> l
     # Where bfloat16 is emulated, a step takes seconds.
     both = {dtype: step(whole, dtype) for dtype in ("float32", "bfloat16")}
     precisions = _alternate(both, device, min(rounds, 3))
-    chosen = str(faster_precision(device)).removeprefix("torch.")
+    chosen = str(faster_precision(kind)).removeprefix("torch.")
     first, last = _inference(policy.eval(), device, min(rounds, 5))
     real = sequences.real.float().mean().item()
     return [
@@ -134,8 +135,8 @@ def _alternate(actions: dict[str, Callable], device: str, rounds: int) -> dict[s
 def _once(action: Callable, device: str = "cpu") -> float:
     start = time.perf_counter()
     action()
-    if device == "cuda":
-        torch.cuda.synchronize()
+    if device != "cpu":
+        torch.accelerator.synchronize()
     return time.perf_counter() - start
 
 

@@ -1,6 +1,7 @@
 """The precision of training: measured, and bfloat16 only where it clearly pays."""
 
 import logging
+from contextlib import nullcontext
 
 import pytest
 import torch
@@ -32,3 +33,11 @@ def test_timing_takes_both_and_leaves_threads_and_random_numbers_alone():
     times = precision.step_times("cpu", trials=1)
     assert set(times) == {torch.float32, torch.bfloat16} and all(0 < time < 60 for time in times.values())
     assert torch.get_num_threads() == threads and torch.equal(torch.get_rng_state(), state)
+
+
+def test_timing_waits_for_any_accelerator(monkeypatch):
+    waited = []
+    monkeypatch.setattr(torch, "autocast", lambda *_, **__: nullcontext())  # the device of these tensors has none
+    monkeypatch.setattr(torch.accelerator, "synchronize", lambda: waited.append(None))
+    precision.step_times("meta", trials=1)
+    assert len(waited) == 4

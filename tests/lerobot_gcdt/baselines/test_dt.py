@@ -1,15 +1,18 @@
 """The decision transformer: it acts on its past and a return that it asks for, and sees no goal unless told to."""
 
 import copy
+from types import SimpleNamespace
 
 import pandas as pd
 import pytest
 import torch
 from lerobot.configs.policies import PreTrainedConfig
 from lerobot.policies.factory import get_policy_class
+from torch.utils._python_dispatch import TorchDispatchMode
 
 from lerobot_gcdt import DTPolicy
 from lerobot_gcdt.baselines.configuration_dt import DTConfig
+from lerobot_gcdt.baselines.modeling_dt import _returns_to_go
 from lerobot_gcdt.errors import OptionError
 from lerobot_gcdt.keys import ACHIEVED_GOAL, ACTION, GOAL, STATE
 
@@ -76,6 +79,21 @@ def test_training_draws_anew_in_every_call(needle_pick_meta):
 def test_return_to_go_is_what_is_still_rewarded(policy, rewards):
     expected = [sum(each[t:]) for each in rewards for t in range(len(each))]
     assert policy._returns[:, 0].tolist() == expected
+
+
+class WithoutFloat64(TorchDispatchMode):
+    """Refuses float64 but on the CPU, as MPS does; the device ``meta`` stands for it here."""
+
+    def __torch_dispatch__(self, function, types, arguments=(), options=None):
+        result = function(*arguments, **(options or {}))
+        assert result.dtype != torch.float64 or result.device.type == "cpu"
+        return result
+
+
+def test_returns_need_no_device_that_has_float64(needle_pick_meta):
+    bank = SimpleNamespace(last=torch.zeros(200, dtype=torch.long), timestep=torch.zeros(200, device="meta"))
+    with WithoutFloat64():
+        assert _returns_to_go(needle_pick_meta, bank).device.type == "meta"
 
 
 def test_a_window_ends_with_its_episode(policy, rewards):
