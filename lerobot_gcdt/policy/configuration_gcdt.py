@@ -11,8 +11,8 @@ from lerobot_gcdt.errors import OptionError
 from lerobot_gcdt.policy.objectives import OBJECTIVES
 from lerobot_gcdt.precision import DTYPES
 
-SIZES = ("layers", "heads", "width", "inner_width", "max_timesteps")
-"""Options that decide the shapes of the shared weights."""
+SIZES = ("layers", "heads", "width", "inner_width", "max_timesteps", "context_length", "auxiliary_context_length")
+"""Options that have to be positive."""
 
 PAPERS_OBJECTIVES = ("dynamics", "time_to_goal", "reconstruction")
 """Auxiliary objectives that have an option each for their weight, and heads in every policy."""
@@ -113,7 +113,7 @@ class GCDTConfig(SingleFrames):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in (*SIZES, "context_length", "auxiliary_context_length"):
+        for name in SIZES:
             if getattr(self, name) < 1:
                 raise OptionError(f"policy.{name} must be positive, got {getattr(self, name)}.")
         if self.width % self.heads:

@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 import gymnasium as gym
 import numpy as np
 
-from lerobot_gcdt.environment.surrol_env import env_class
 from lerobot_gcdt.keys import (
     ACHIEVED_GOAL,
     ACTION,
@@ -21,6 +20,7 @@ from lerobot_gcdt.keys import (
 )
 from lerobot_gcdt.recording.fields import find_field
 from surrol_gym.envs.psm_env import unwrapped
+from surrol_gym.registry import env_class
 
 
 @dataclass(frozen=True)
