@@ -10,6 +10,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import NamedTuple
 
+from lerobot.common.train_utils import get_step_checkpoint_dir, load_training_step, update_last_checkpoint
 from lerobot.configs.policies import PreTrainedConfig
 from lerobot.utils.import_utils import register_third_party_plugins
 
@@ -99,7 +100,7 @@ def train(
     Raises:
         FileNotFoundError: There is no dataset, no checkpoint to start from, or no such launcher.
         ValueError: The policy or the stage is unknown, they do not go together, the steps have to be said, or the
-            output folder holds something else.
+            output folder holds something else, or a copy of the last checkpoint instead of the link to it.
         RuntimeError: The launcher ended with an error.
     """
     dataset, output = Path(dataset), Path(output)
@@ -144,12 +145,20 @@ def _short_average(policy: str, steps: int) -> list[str]:
 
 def _arguments_to_reach(steps: int, output: Path, beginning: list[str], policy: str, dataset: Path) -> list[str] | None:
     """Arguments that begin a training or go on with it; None where nothing is left to do."""
-    last = output / "checkpoints/last"
+    checkpoints = output / "checkpoints"
+    last = checkpoints / "last"
     common = [f"--dataset.root={dataset}", f"--steps={steps}", f"--output_dir={output}"]
+    if not last.exists() and (
+        whole := sorted(filter(_is_whole, checkpoints.glob("*")), key=lambda saved: int(saved.name))
+    ):
+        update_last_checkpoint(whole[-1])  # copies may lose the link, and LeRobot removes it before it makes another
     if not last.exists():
         if output.exists():
             if not all(map(_is_leftover, output.iterdir())):
-                raise ValueError(f"{output} exists and holds no checkpoint of lerobot-train; choose another --output.")
+                raise ValueError(
+                    f"{output} exists and holds no checkpoint that lerobot-train could go on with; choose another "
+                    "--output."
+                )
             shutil.rmtree(output)  # an earlier run ended before its first checkpoint
         return [*beginning, *common]
     config = last / "pretrained_model/train_config.json"
@@ -159,8 +168,13 @@ def _arguments_to_reach(steps: int, output: Path, beginning: list[str], policy: 
         raise ValueError(
             f"{output} holds a training of {' on '.join(held)}, not of {' on '.join(wanted)}; choose another --output."
         )
-    if int(last.resolve().name) >= steps:
+    step = load_training_step(last / "training_state")
+    if step >= steps:
         return None
+    if not last.is_symlink():
+        numbered = get_step_checkpoint_dir(output, settings["steps"], step)
+        remedy = f"rm -r {last}" if numbered.exists() else f"mv {last} {numbered}"
+        raise ValueError(f"{last} is a folder, where lerobot-train keeps a link; `{remedy}`, and repeat the command.")
     return [f"--config_path={config}", "--resume=true", *common]
 
 
@@ -212,8 +226,17 @@ def steps_to_train(policy: str, settings: Recipe, steps: int | None) -> int:
 def _is_leftover(file: Path) -> bool:
     """Whether a file may be of a training that ended before its first checkpoint was whole."""
     if file.name == "checkpoints":
-        return all(part.name.isdigit() for part in file.iterdir())
+        parts = [part.name for part in file.iterdir()]
+        return len(parts) <= 1 and all(map(str.isdigit, parts))
     return file.name == LOSS_FILE
+
+
+def _is_whole(saved: Path) -> bool:
+    """Whether a folder is a checkpoint with all that a training goes on with, which LeRobot writes in this order."""
+    config, state = saved / "pretrained_model/train_config.json", saved / "training_state"
+    if not saved.name.isdigit() or not (state / "optimizer_param_groups.json").exists():
+        return False
+    return not json.loads(config.read_text())["scheduler"] or (state / "scheduler_state.json").exists()
 
 
 def _run(arguments: Sequence[str], losses: Path, launcher: str | None) -> None:

@@ -105,6 +105,54 @@ def test_a_training_goes_on_even_where_it_and_its_data_were_moved(trained, uneve
     assert 0 < curve.seconds[0] < curve.seconds[1] < curve.seconds[2]
 
 
+def without_link(trained, folder):
+    """A copy of a training of two steps, of which a checkpoint more was interrupted, that lost `checkpoints/last`."""
+    shutil.copytree(trained / "pretrain", folder, symlinks=True)
+    checkpoints = folder / "checkpoints"
+    shutil.copytree(checkpoints / "000002", checkpoints / "000003")
+    (checkpoints / "000003/training_state/scheduler_state.json").unlink()
+    (checkpoints / "last").unlink()
+    return folder
+
+
+def test_a_training_without_the_link_to_its_last_checkpoint_goes_on_from_the_newest_whole_one(
+    trained, uneven_root, asked, tmp_path
+):
+    output = without_link(trained, tmp_path / "copied")
+    training.train(uneven_root, output, stage="pretrain", steps=4)
+    assert f"--config_path={output}/checkpoints/last/pretrained_model/train_config.json" in asked[0]
+    assert checkpoint(output).resolve().parent.name == "000002"
+
+
+def test_a_checkpoint_without_a_scheduler_is_whole(trained, uneven_root, asked, tmp_path):
+    output = without_link(trained, tmp_path / "copied")
+    config = output / "checkpoints/000003/pretrained_model/train_config.json"
+    config.write_text(json.dumps(json.loads(config.read_text()) | {"scheduler": None}))
+    training.train(uneven_root, output, stage="pretrain", steps=4)
+    assert checkpoint(output).resolve().parent.name == "000003"
+
+
+def test_checkpoints_that_no_training_can_go_on_with_are_not_removed(needle_pick_root, tmp_path, asked):
+    for step in ("000500", "001000"):
+        (tmp_path / "checkpoints" / step).mkdir(parents=True)
+    with pytest.raises(ValueError, match="no checkpoint that lerobot-train could go on with; choose another --output"):
+        training.train(needle_pick_root, tmp_path)
+    assert (tmp_path / "checkpoints/000500").exists() and not asked
+
+
+@pytest.mark.parametrize(("numbered", "remedy"), [(True, "rm -r .*/last"), (False, "mv .*/last .*/checkpoints/000002")])
+def test_a_copy_of_the_last_checkpoint_in_place_of_the_link_is_told_with_the_way_out(
+    trained, uneven_root, asked, tmp_path, numbered, remedy
+):
+    shutil.copytree(trained / "pretrain", output := tmp_path / "copied")
+    if not numbered:
+        shutil.rmtree(output / "checkpoints/000002")
+    with pytest.raises(ValueError, match=f"last is a folder, where lerobot-train keeps a link; `{remedy}`"):
+        training.train(uneven_root, output, stage="pretrain", steps=3)
+    training.train(uneven_root, output, stage="pretrain", steps=2)  # which is complete
+    assert not asked
+
+
 def test_steps_that_were_repeated_count_once_in_the_loss_curve(tmp_path):
     (tmp_path / "loss.csv").write_text("step,loss\n1,0.5\n2,0.4\n3,0.35\n2,0.4\n3,0.3\n4,0.2\n")
     curve = loss_curve(tmp_path)
