@@ -14,6 +14,7 @@ from lerobot.common.train_utils import get_step_checkpoint_dir, load_training_st
 from lerobot.configs.policies import PreTrainedConfig
 from lerobot.utils.import_utils import register_third_party_plugins
 
+from lerobot_gcdt.locking import alone_in
 from lerobot_gcdt.training.outputs import LOSS_FILE, checkpoint, existing_checkpoint
 
 STAGES = ("pretrain", "generalist", "finetune", "scratch")
@@ -101,6 +102,7 @@ def train(
         FileNotFoundError: There is no dataset, no checkpoint to start from, or no such launcher.
         ValueError: The policy or the stage is unknown, they do not go together, the steps have to be said, or the
             output folder holds something else, or a copy of the last checkpoint instead of the link to it.
+        OSError: Another process trains in the output folder.
         RuntimeError: The launcher ended with an error.
     """
     dataset, output = Path(dataset), Path(output)
@@ -128,12 +130,15 @@ def train(
         "--num_workers=0",
         *options,
     ]
-    arguments = _arguments_to_reach(steps, output, beginning, policy, dataset)
-    if arguments is None:
-        print(f"{output} is complete already.")
-    else:
-        print("lerobot-train \\\n  " + " \\\n  ".join(map(shlex.quote, arguments)), flush=True)
-        _run(arguments, output / LOSS_FILE, launcher)
+    there = output.resolve()
+    # Beside the folder, because LeRobot begins no training in one that exists.
+    with alone_in(there.with_name(f"{there.name}.training"), "--output"):
+        arguments = _arguments_to_reach(steps, output, beginning, policy, dataset)
+        if arguments is None:
+            print(f"{output} is complete already.")
+        else:
+            print("lerobot-train \\\n  " + " \\\n  ".join(map(shlex.quote, arguments)), flush=True)
+            _run(arguments, output / LOSS_FILE, launcher)
     return checkpoint(output)
 
 

@@ -153,6 +153,22 @@ def test_a_copy_of_the_last_checkpoint_in_place_of_the_link_is_told_with_the_way
     assert not asked
 
 
+def test_a_second_process_in_the_same_folder_is_refused(needle_pick_root, tmp_path, asked, at_work):
+    output = tmp_path / "new"
+    (output / "checkpoints/000500").mkdir(parents=True)
+    at_work(tmp_path / "new.training")
+    with pytest.raises(OSError, match="at work in .*new.training; wait for its end, or choose another --output"):
+        training.train(needle_pick_root, output)
+    assert (output / "checkpoints/000500").exists() and not asked
+
+
+def test_nothing_is_left_beside_the_output_folder(needle_pick_root, tmp_path, monkeypatch):
+    inside = []
+    monkeypatch.setattr(trainer, "run", lambda *_: inside.extend(file.name for file in tmp_path.iterdir()))
+    training.train(needle_pick_root, tmp_path / "new")
+    assert inside == ["new.training"] and not list(tmp_path.iterdir())
+
+
 def test_steps_that_were_repeated_count_once_in_the_loss_curve(tmp_path):
     (tmp_path / "loss.csv").write_text("step,loss\n1,0.5\n2,0.4\n3,0.35\n2,0.4\n3,0.3\n4,0.2\n")
     curve = loss_curve(tmp_path)
