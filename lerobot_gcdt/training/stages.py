@@ -1,11 +1,12 @@
 """The stages of training, each one run of `lerobot-train` that can be interrupted and repeated."""
 
+import hashlib
 import json
 import os
 import shlex
 import shutil
 import subprocess
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import NamedTuple
@@ -19,6 +20,10 @@ from lerobot_gcdt.training.outputs import LOSS_FILE, checkpoint, existing_checkp
 
 STAGES = ("pretrain", "generalist", "finetune", "scratch")
 """The second and the third begin with a checkpoint, the others with random weights; the first two are GCDT's."""
+
+
+SET_HERE = {"steps": "--steps", "output_dir": "--output", "dataset.root": "--dataset"}
+"""Options of `lerobot-train` that ``train`` sets itself, and what says them instead."""
 
 
 class Recipe(NamedTuple):
@@ -100,12 +105,15 @@ def train(
 
     Raises:
         FileNotFoundError: There is no dataset, no checkpoint to start from, or no such launcher.
-        ValueError: The policy or the stage is unknown, they do not go together, the steps have to be said, or the
-            output folder holds something else, or a copy of the last checkpoint instead of the link to it.
+        ValueError: The policy or the stage is unknown, they do not go together, the steps have to be said, an option is
+            one that is set here, or the
+            output folder holds something else, a training on other data, or a copy of the last checkpoint instead of
+            the link to it.
         OSError: Another process trains in the output folder.
         RuntimeError: The launcher ended with an error.
     """
     dataset, output = Path(dataset), Path(output)
+    refuse_options(options, SET_HERE)
     if not (dataset / "meta/info.json").exists():
         raise FileNotFoundError(f"{dataset} holds no dataset; `gcdt record --task TASK --root {dataset}` records one.")
     if start is not None:
@@ -173,6 +181,11 @@ def _arguments_to_reach(steps: int, output: Path, beginning: list[str], policy: 
         raise ValueError(
             f"{output} holds a training of {' on '.join(held)}, not of {' on '.join(wanted)}; choose another --output."
         )
+    before = Path(settings["dataset"]["root"] or dataset)
+    if (before / "meta/stats.json").exists() and fingerprint(before) != fingerprint(dataset):
+        raise ValueError(
+            f"{output} holds a training on {before}, and {dataset} holds other data; choose another --output."
+        )
     step = load_training_step(last / "training_state")
     if step >= steps:
         return None
@@ -181,6 +194,18 @@ def _arguments_to_reach(steps: int, output: Path, beginning: list[str], policy: 
         remedy = f"rm -r {last}" if numbered.exists() else f"mv {last} {numbered}"
         raise ValueError(f"{last} is a folder, where lerobot-train keeps a link; `{remedy}`, and repeat the command.")
     return [f"--config_path={config}", "--resume=true", *common]
+
+
+def refuse_options(options: Sequence[str], set_here: Mapping[str, str]) -> None:
+    """Raises ValueError for an option of `lerobot-train` that would be overridden, with what says it instead."""
+    for option in options:
+        if ours := set_here.get(option.removeprefix("--").partition("=")[0]):
+            raise ValueError(f"{option} of lerobot-train is set by gcdt; say it with {ours} of gcdt's own.")
+
+
+def fingerprint(dataset: Path) -> str:
+    """Returns what tells the data in a folder from others: a digest of LeRobot's statistics of them."""
+    return hashlib.sha256((dataset / "meta/stats.json").read_bytes()).hexdigest()
 
 
 def policy_type(checkpoint: Path) -> str:

@@ -200,6 +200,13 @@ def test_the_folder_of_another_training_is_refused(trained, uneven_root, needle_
     assert not asked
 
 
+def test_other_data_in_a_folder_of_the_same_name_are_refused(trained, uneven_root, needle_pick_root, asked, tmp_path):
+    shutil.copytree(needle_pick_root, other := tmp_path / uneven_root.name)
+    with pytest.raises(ValueError, match=f"on {uneven_root}, and {other} holds other data; choose another --output"):
+        training.train(other, trained / "pretrain", stage="pretrain", steps=3)
+    assert not asked
+
+
 # Bad input.
 
 
@@ -214,6 +221,9 @@ def test_the_folder_of_another_training_is_refused(trained, uneven_root, needle_
         ({"stage": "scratch", "start": "pretrain"}, "leave out --start"),
         ({"policy": "bc", "start": "pretrain"}, "type gcdt, not bc"),
         ({"steps": 0}, "positive, got 0"),
+        ({"options": ["--steps=5"]}, "--steps=5 of lerobot-train is set by gcdt; say it with --steps"),
+        ({"options": ["--output_dir", "elsewhere"]}, "--output_dir .* say it with --output"),
+        ({"options": ["--dataset.root=mine"]}, "--dataset.root=mine .* say it with --dataset"),
     ],
     ids=lambda value: "-".join(map(str, value.values())) if isinstance(value, dict) else "",
 )
