@@ -184,7 +184,7 @@ def test_windows_of_lerobot_hold_what_the_bank_holds(bank, needle_pick_windows):
 def test_windows_that_lack_something_or_are_of_an_unknown_task_are_named(needle_pick_windows):
     dims = {needle_pick_windows["task"][0]: [19, 3, 5]}
     without = {key: value for key, value in needle_pick_windows.items() if key != GOAL}
-    with pytest.raises(KeyError, match=f"lacks {GOAL}"):
+    with pytest.raises(ValueError, match=f"lacks {GOAL}; this policy needs"):
         Sequences.of_windows(without, dims)
     with pytest.raises(KeyError, match="(?s)Unknown task 'Sew'.*Pick up the needle"):
         Sequences.of_windows(needle_pick_windows | {"task": ["Sew"] * 3}, dims)
