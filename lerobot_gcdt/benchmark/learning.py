@@ -199,10 +199,8 @@ class Benchmark:
         if keeps_other_sensors(file, sensors):
             raise ValueError(f"{self.output} keeps episodes of other sensors than {sensors}; choose another --output.")
         _check_folders(Path(self.output), methods)
-        held, found = (
-            _held_datasets(Path(self.output)),
-            {cell.dataset.name: fingerprint(cell.dataset) for cell in cells},
-        )
+        held = _held_datasets(Path(self.output))
+        found = {cell.dataset.name: fingerprint(cell.dataset) for cell in cells}
         if other := [name for name in found if found[name] != held.get(name, found[name])]:
             raise ValueError(
                 f"{self.output} holds trainings on other data than those of {', '.join(other)} in {self.datasets}; "
@@ -275,7 +273,8 @@ def _held_datasets(output: Path) -> dict[str, str]:
 def _claim_folders(output: Path, plan: Plan) -> None:
     """Notes what each method and each dataset stands for, so that its name never comes to stand for another."""
     output.mkdir(parents=True, exist_ok=True)
-    (output / DATASETS_FILE).write_text(json.dumps(plan.datasets, indent=2) + "\n")
+    if plan.datasets != _held_datasets(output):  # benchmarks may run side by side
+        (output / DATASETS_FILE).write_text(json.dumps(plan.datasets, indent=2) + "\n")
     for method in plan.methods:
         file = output / method.name / SETTINGS_FILE
         file.parent.mkdir(parents=True, exist_ok=True)

@@ -97,8 +97,8 @@ def train(
         device: Where to train, such as ``"cuda"``. None for LeRobot's choice.
         launcher: Command that runs a module, such as ``"accelerate launch --num_processes=4 -m"``. None to train in
             this process.
-        options: Further arguments of `lerobot-train`, which win over those of ``RECIPES``. A training that goes on
-            keeps the settings of its beginning, but for the steps.
+        options: Further arguments of `lerobot-train` but those of ``SET_HERE``; they win over those of ``RECIPES``. A
+            training that goes on keeps the settings of its beginning, but for the steps.
 
     Returns:
         Folder of the last checkpoint.
@@ -106,9 +106,8 @@ def train(
     Raises:
         FileNotFoundError: There is no dataset, no checkpoint to start from, or no such launcher.
         ValueError: The policy or the stage is unknown, they do not go together, the steps have to be said, an option is
-            one that is set here, or the
-            output folder holds something else, a training on other data, or a copy of the last checkpoint instead of
-            the link to it.
+            one that is set here, or the output folder holds something else, a training on other data, or a copy of the
+            last checkpoint instead of the link to it.
         OSError: Another process trains in the output folder.
         RuntimeError: The launcher ended with an error.
     """
