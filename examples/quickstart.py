@@ -39,9 +39,11 @@ def main() -> None:
     seeds = range(FIRST_TEST_SEED, FIRST_TEST_SEED + options.starts)
     episodes = evaluate_checkpoint(checkpoint, [options.task], seeds)
 
-    film_file = options.output / "film.mp4"
-    if not film_file.exists():
-        film(load_policy(checkpoint), options.task, seeds[:3], film_file)
+    film_file, weights = options.output / "film.mp4", checkpoint / "model.safetensors"
+    if not film_file.exists() or film_file.stat().st_mtime < weights.stat().st_mtime:
+        unfinished = film_file.with_name("unfinished.mp4")
+        film(load_policy(checkpoint), options.task, seeds[:3], unfinished)
+        unfinished.replace(film_file)
     plot_training(loss_curve(training), options.output / "training_curve.png")
     plot_goals(episodes, options.output / "goals.png")
 

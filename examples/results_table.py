@@ -18,6 +18,7 @@ import surrol_gym
 from lerobot_gcdt.benchmark.report import plot_bars, success_latex, success_rates
 from lerobot_gcdt.evaluation.checkpoints import keep_episodes
 from lerobot_gcdt.hub.documents import write_section
+from surrol_gym.wrappers import IDEAL
 
 ROOT = Path(__file__).parent.parent
 EPISODES = ROOT / "examples/paper_table/episodes.parquet"
@@ -94,9 +95,17 @@ def _short(rate: float) -> str:
 
 
 def add(benchmark: Path, protocol: str) -> None:
-    """Takes over the test episodes of a benchmark's last checkpoints, of ``METHODS``; what is there stays as it is."""
+    """Takes over the test episodes of a benchmark's last checkpoints, of ``METHODS``; what is there stays as it is.
+
+    Raises:
+        ValueError: They are of several numbers of demonstrations, or of imperfect sensors.
+    """
     rows = pd.read_parquet(benchmark / "episodes.parquet")
     rows = rows[rows.seed.isin(STARTS) & rows.method.isin(METHODS)]
+    if (rows.groupby(["method", "task"]).demonstrations.nunique() > 1).any():
+        raise ValueError(f"{benchmark} compares several numbers of demonstrations; a protocol is for one.")
+    if set(IDEAL) & set(rows):
+        raise ValueError(f"{benchmark} is of imperfect sensors; the protocols are for perfect ones.")
     last = rows.groupby(["method", "task", "training_seed"]).step.transform("max")
     rows = rows[rows.step == last].assign(protocol=protocol)
     keep_episodes(EPISODES, rows[COLUMNS], KEY)
@@ -107,8 +116,13 @@ def main() -> None:
     parser.add_argument("--add", type=Path, help="output folder of a benchmark")
     parser.add_argument("--protocol", choices=PROTOCOLS, help="what it was trained on")
     options = parser.parse_args()
+    if options.add and not options.protocol:
+        parser.error(f"--add {options.add} needs a --protocol: {', '.join(PROTOCOLS)}")
     if options.add:
-        add(options.add, options.protocol)
+        try:
+            add(options.add, options.protocol)
+        except (ValueError, OSError) as error:
+            parser.error(str(error))
     for document, section, text in tables():
         write_section(document, section, text)
     for protocol, rates in protocols():

@@ -47,6 +47,7 @@ def run(options: argparse.Namespace) -> None:
     from lerobot_gcdt.evaluation.pictures import film
     from lerobot_gcdt.evaluation.tasks import tasks_of
     from lerobot_gcdt.training import existing_checkpoint
+    from surrol_gym.registry import find_task, task_name
 
     seeds = range(options.first_seed, options.first_seed + options.starts)
     if options.episodes:
@@ -57,7 +58,9 @@ def run(options: argparse.Namespace) -> None:
     for training, found in checkpoints.items():
         episodes = evaluate_checkpoint(found, tasks[training], seeds, file=options.episodes, sensors=sensors)
         print(f"{training}\n{describe(episodes)}", flush=True)
-        for task in tasks[training] if options.film else []:
-            path = (options.episodes or found.resolve()).parent / f"{task}.mp4"
-            film(load_policy(found), task, seeds[:3], path, sensors=sensors)
+        policy = load_policy(found) if options.film else None
+        named = {task_name(find_task(task)): task for task in tasks[training]} if options.film else {}
+        for name, task in named.items():
+            path = (options.episodes or found.resolve()).parent / f"{name}.mp4"
+            film(policy, task, seeds[:3], path, sensors=sensors)
             print(f"The film is {path}.")

@@ -29,7 +29,7 @@ def add(commands: Any) -> None:
     train.add_argument(
         "--start", help="what to begin with: a training, folder of a checkpoint, or generalist, which is built in"
     )
-    train.add_argument("--steps", type=int, help="optimiser steps (default: what the stage needs, of gcdt and bc)")
+    train.add_argument("--steps", type=int, help="optimiser steps (default: what the stage needs, where it is known)")
     train.add_argument("--device", help="where to train, such as cpu or cuda (default: LeRobot chooses)")
     train.add_argument(
         "--launcher", help="command that runs a module, such as 'accelerate launch --num_processes=4 -m'"

@@ -20,6 +20,12 @@ from lerobot_gcdt.errors import OptionError
 RESTING = "resting"
 
 
+def check_average_steps(steps: int) -> None:
+    """Raises OptionError for a negative number of steps, which no average looks back on; for configurations."""
+    if steps < 0:
+        raise OptionError(f"policy.average_steps must not be negative, got {steps}.")
+
+
 class AveragedWeights(nn.Module):
     """What a LeRobot policy inherits, before ``PreTrainedPolicy``, that acts with an average of its weights.
 
@@ -42,12 +48,7 @@ class AveragedWeights(nn.Module):
             steps: Steps that the average looks back on, or a ninth of those so far if they are fewer; 0 for none. Older
                 weights fade exponentially. What begins with a checkpoint goes on with its average and its number of
                 steps, so a short fine-tuning needs a smaller number.
-
-        Raises:
-            OptionError: The number is negative.
         """
-        if steps < 0:
-            raise OptionError(f"policy.average_steps must not be negative, got {steps}.")
         self.average_steps = steps
         if not hasattr(self, RESTING):
             self.register_state_dict_post_hook(_name_by_role)

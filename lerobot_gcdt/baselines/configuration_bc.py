@@ -6,6 +6,7 @@ from lerobot.configs.policies import PreTrainedConfig
 from lerobot.optim.optimizers import AdamWConfig
 from lerobot.optim.schedulers import CosineDecayWithWarmupSchedulerConfig
 
+from lerobot_gcdt.averaging import check_average_steps
 from lerobot_gcdt.baselines.one_task import whole_cosine
 from lerobot_gcdt.data.single_frames import SingleFrames
 from lerobot_gcdt.errors import OptionError
@@ -45,6 +46,7 @@ class BCConfig(SingleFrames):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        check_average_steps(self.average_steps)
         if self.frames_per_sample < 1:
             raise OptionError(f"policy.frames_per_sample must be positive, got {self.frames_per_sample}.")
         for name in ("dropout", "hindsight_ratio"):

@@ -11,7 +11,7 @@ from lerobot.optim.optimizers import AdamWConfig
 from lerobot.optim.schedulers import CosineDecayWithWarmupSchedulerConfig
 from torch import Tensor, nn
 
-from lerobot_gcdt.averaging import AveragedWeights
+from lerobot_gcdt.averaging import AveragedWeights, check_average_steps
 from lerobot_gcdt.baselines.one_task import open_one_task, state_and_goal, to_train_on, training_frames, whole_cosine
 from lerobot_gcdt.data.acting_batch import with_goals
 from lerobot_gcdt.data.columns import read_columns
@@ -63,6 +63,7 @@ class RewardLearnerConfig(SingleFrames):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        check_average_steps(self.average_steps)
         if self.frames_per_sample < 1:
             raise OptionError(f"policy.frames_per_sample must be positive, got {self.frames_per_sample}.")
         for name in ("discount", "target_rate"):
@@ -138,17 +139,23 @@ class RewardLearner(AveragedWeights):
 
         Args:
             batch: As LeRobot's loader gives it; of it only ``index``, shape (B,), is used.
-            reduction: ``"mean"``, or ``"none"`` for the error of each frame's action.
+            reduction: ``"mean"``, or, in evaluation mode, ``"none"`` for the error of each frame's action.
 
         Returns:
             The loss, and what to log.
 
         Raises:
+            OptionError: The error of each frame is asked for in training mode, as ``--sample_weighting.*`` does.
             RuntimeError: The policy was made without a dataset.
         """
         index = batch["index"].to(self.mean.device)
         bank = to_train_on(self._bank, index.device)
-        if not self.training or reduction == "none":
+        if self.training and reduction == "none":
+            raise OptionError(
+                f"A policy of type {self.config.type} cannot weight the samples of a batch, for which it draws others; "
+                "leave out sample_weighting."
+            )
+        if not self.training:
             items = {key: value[index] for key, value in bank.items.items()}
             errors = (self.act(self._seen(items)) - items[ACTION]).square().mean(-1)
             return (errors if reduction == "none" else errors.mean()), {"action_loss": errors.mean().item()}

@@ -25,12 +25,16 @@ from lerobot_gcdt.evaluation.tasks import check_starts
 from lerobot_gcdt.recording.demonstrations import RECORDING_FILE, dataset_name
 from lerobot_gcdt.recording.facts import recordings, task_of
 from lerobot_gcdt.training import train, training_seconds
+from lerobot_gcdt.training.stages import fingerprint
 from surrol_gym.registry import find_task, task_name
 from surrol_gym.wrappers import IDEAL, complete_sensors
 
 EPISODES_FILE = "episodes.parquet"
 EPISODES_OF_SENSORS = "episodes_of_sensors.parquet"
 SETTINGS_FILE = "method.json"
+DATASETS_FILE = "datasets.json"
+"""The fingerprint of each dataset that is learned from, by its name."""
+
 CELL = ["method", "task", "demonstrations", "training_seed"]
 EPISODE = [*CELL, "step", "seed"]
 """Columns that tell cells and episodes apart."""
@@ -81,12 +85,14 @@ class Plan(NamedTuple):
         cells: All cells.
         unfinished: Those that lack episodes.
         sensors: All arguments of the sensors.
+        datasets: The fingerprint of each dataset, by its name, also of those that there are trainings on already.
     """
 
     methods: list[Method]
     cells: list[Cell]
     unfinished: list[Cell]
     sensors: dict[str, float]
+    datasets: dict[str, str]
 
 
 @dataclass(frozen=True)
@@ -136,12 +142,12 @@ class Benchmark:
             start, ``reached``, ``held`` and ``steps`` to the first success.
 
         Raises:
-            ValueError: A method, a task, a number or an option is bad, or the output folder holds another method under
-                one of the names.
+            ValueError: A method, a task, a number or an option is bad, or the output folder holds another method or
+                other data under one of the names.
             FileNotFoundError: There is no dataset of a task, or no checkpoint to start from.
         """
         output, plan = Path(self.output), self._plan()
-        _claim_folders(output, plan.methods)
+        _claim_folders(output, plan)
         done = len(plan.cells) - len(plan.unfinished)
         with tqdm(total=len(plan.cells), initial=done, desc="Benchmark", unit="training") as bar:
             for cell in plan.unfinished:
@@ -156,14 +162,15 @@ class Benchmark:
         Each keeps its episodes beside its own checkpoints alone; ``run`` then collects them.
 
         Args:
-            write: Whether to note in the output folder what the names of the methods stand for, as ``run`` does.
+            write: Whether to note in the output folder what the names of the methods and the datasets stand for, as
+                ``run`` does.
 
         Raises:
             ValueError, FileNotFoundError: As ``run`` does.
         """
         output, plan = Path(self.output), self._plan()
         if write:
-            _claim_folders(output, plan.methods)
+            _claim_folders(output, plan)
         trainings: dict[Path, list[Cell]] = {}
         for cell in plan.unfinished:
             trainings.setdefault(cell.folder, []).append(cell)
@@ -192,9 +199,16 @@ class Benchmark:
         if keeps_other_sensors(file, sensors):
             raise ValueError(f"{self.output} keeps episodes of other sensors than {sensors}; choose another --output.")
         _check_folders(Path(self.output), methods)
+        held = _held_datasets(Path(self.output))
+        found = {cell.dataset.name: fingerprint(cell.dataset) for cell in cells}
+        if other := [name for name in found if found[name] != held.get(name, found[name])]:
+            raise ValueError(
+                f"{self.output} holds trainings on other data than those of {', '.join(other)} in {self.datasets}; "
+                "choose another --output."
+            )
         kept, starts = self._kept(cells).groupby(CELL).size(), len(self.starts)
         unfinished = [cell for cell in cells if kept.get(cell.key) != cell.method.points * starts]
-        return Plan(methods, cells, unfinished, sensors)
+        return Plan(methods, cells, unfinished, sensors, held | found)
 
     def _kept(self, cells: Sequence[Cell]) -> pd.DataFrame:
         """The episodes that there are of these cells, their checkpoints and the starts."""
@@ -251,9 +265,17 @@ def _check_folders(output: Path, methods: Sequence[Method]) -> None:
             )
 
 
-def _claim_folders(output: Path, methods: Sequence[Method]) -> None:
-    """Notes what each method stands for, so that its name never comes to stand for another."""
-    for method in methods:
+def _held_datasets(output: Path) -> dict[str, str]:
+    file = output / DATASETS_FILE
+    return json.loads(file.read_text()) if file.exists() else {}
+
+
+def _claim_folders(output: Path, plan: Plan) -> None:
+    """Notes what each method and each dataset stands for, so that its name never comes to stand for another."""
+    output.mkdir(parents=True, exist_ok=True)
+    if plan.datasets != _held_datasets(output):  # benchmarks may run side by side
+        (output / DATASETS_FILE).write_text(json.dumps(plan.datasets, indent=2) + "\n")
+    for method in plan.methods:
         file = output / method.name / SETTINGS_FILE
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text(json.dumps(method._asdict(), indent=2) + "\n")

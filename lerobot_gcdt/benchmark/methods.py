@@ -1,15 +1,24 @@
 """Methods that are compared: what they are called, and how they are trained."""
 
+import argparse
 import shlex
 from collections.abc import Iterable
 from typing import NamedTuple
 
 from lerobot_gcdt.training.outputs import existing_checkpoint
-from lerobot_gcdt.training.stages import policy_type, recipe, steps_to_train
+from lerobot_gcdt.training.stages import SET_HERE, policy_type, recipe, refuse_options, steps_to_train
 from lerobot_gcdt.training.trainer import check_options
 
 OWN = ("steps", "start", "dataset")
 """Options of a method that are not those of `lerobot-train`."""
+
+SET_BY_BENCHMARKS = SET_HERE | {
+    "dataset.root": "--datasets",
+    "seed": "--seeds",
+    "save_freq": "--points",
+    "log_freq": "--points",
+}
+"""Options of `lerobot-train` that a benchmark sets itself, and what says them instead."""
 
 
 class Method(NamedTuple):
@@ -66,7 +75,9 @@ def parse_method(text: str, points: int, steps: int | None = None, options: Iter
             f"{text!r} is no method; write a type of policy, such as gcdt, or a name and what it stands for, such as "
             "'long=gcdt --policy.context_length=100'."
         )
-    said = dict(option[2:].split("=", 1) for option in own if option.startswith(tuple(f"--{key}=" for key in OWN)))
+    said, own = _split(own)
+    settings = (*options, *own)
+    refuse_options(settings, SET_BY_BENCHMARKS)
     if not said.get("steps", "1").isdigit():
         raise ValueError(f"The method {name} has --steps={said['steps']}, which is no number of steps.")
     start = existing_checkpoint(said["start"]) if "start" in said else None
@@ -77,9 +88,24 @@ def parse_method(text: str, points: int, steps: int | None = None, options: Iter
     points = min(points, steps)
     if points < 1 or steps % points:
         raise ValueError(f"The {steps} steps of the method {name} cannot be divided into {points} equal parts.")
-    settings = (*options, *(option for option in own if option[2:].partition("=")[0] not in said))
     try:
         check_options([f"--policy.type={policy}", "--policy.push_to_hub=false", "--dataset.repo_id=any", *settings])
     except ValueError as error:
         raise ValueError(f"lerobot-train does not take the options of the method {name}: {error}") from None
     return Method(name, policy, steps, points, settings, said.get("start"), said.get("dataset"))
+
+
+def _split(options: list[str]) -> tuple[dict[str, str], list[str]]:
+    """The values of ``OWN`` among the options of a method, and the other options.
+
+    Raises:
+        ValueError: One of them has no value.
+    """
+    parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False, exit_on_error=False)
+    for key in OWN:
+        parser.add_argument(f"--{key}", default=argparse.SUPPRESS)
+    try:
+        said, others = parser.parse_known_args(options)
+    except argparse.ArgumentError as error:
+        raise ValueError(f"A method's {error.argument_name} needs a value, got {shlex.join(options)!r}.") from None
+    return vars(said), others

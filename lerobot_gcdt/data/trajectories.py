@@ -172,15 +172,14 @@ class TrajectoryBank:
             device: Where the tensors live.
 
         Raises:
-            ValueError: Frames are missing, or it cannot be known which episodes or numbers are whose
-                (``lerobot_gcdt.data.opened_episodes``, ``lerobot_gcdt.data.task_layouts``).
+            ValueError: One of ``REQUIRED_KEYS`` or frames are missing, or it cannot be known which episodes or numbers
+                are whose (``lerobot_gcdt.data.opened_episodes``, ``lerobot_gcdt.data.task_layouts``).
             FileNotFoundError: There are no data files.
-            KeyError: The dataset lacks one of ``REQUIRED_KEYS``.
         """
         missing = [key for key in REQUIRED_KEYS if key not in meta.features]
         if missing:
-            raise KeyError(
-                f"The dataset in {meta.root} lacks {', '.join(missing)}; GCDT needs {', '.join(REQUIRED_KEYS)}. "
+            raise ValueError(
+                f"The dataset in {meta.root} lacks {', '.join(missing)}; this policy needs {', '.join(REQUIRED_KEYS)}. "
                 "Record one with `gcdt record`."
             )
         layouts = task_layouts(meta)

@@ -1,13 +1,15 @@
 """Evaluating checkpoints: every episode is kept beside the checkpoint, and none is run twice."""
 
+import hashlib
 import os
 from collections.abc import Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 from filelock import FileLock
+from huggingface_hub import hf_hub_download
+from huggingface_hub.constants import SAFETENSORS_SINGLE_FILE
 
 from lerobot_gcdt.evaluation.loading import load_policy
 from lerobot_gcdt.evaluation.rollout import evaluate
@@ -40,16 +42,17 @@ def evaluate_checkpoint(
         tasks: Names of tasks, of which those count that the policy knows; None for all that it knows.
         seeds: Seeds of the starts. Demonstrations count up from 0; those from 100000 on are for reporting.
         batch_size: Episodes that run side by side.
-        file: Parquet file that keeps the episodes of this checkpoint, of one kind of sensors; None for the one beside
-            it, which is for perfect ones.
+        file: Parquet file that keeps the episodes of this checkpoint alone, of one kind of sensors; None for the one
+            beside it, which is for perfect ones.
         sensors: As ``lerobot_gcdt.evaluation.evaluate`` takes them.
 
     Returns:
-        The episodes of these tasks and seeds, rows of ``lerobot_gcdt.evaluation.evaluate``.
+        The episodes of these tasks and seeds, rows of ``lerobot_gcdt.evaluation.evaluate``, each task once; ``policy``
+        tells whose they are, the beginning of a digest of the weights, in all but those that earlier versions kept.
 
     Raises:
         ValueError: There is no file, and the folder is none of `lerobot-train`; a task or a number is bad, the policy
-            does not know the tasks, or the file is for other sensors.
+            does not know the tasks, or the file is for other sensors or keeps episodes of another policy.
     """
     if file is None and Path(checkpoint).resolve().name != "pretrained_model":
         raise ValueError(
@@ -64,13 +67,23 @@ def evaluate_checkpoint(
         raise ValueError(f"{file} is not for episodes of sensors with {told}; name another file with --episodes.")
     tasks, policy = tasks_of(checkpoint, tasks), None
     check_starts(tasks, seeds)
-    names = {task: task_name(find_task(task)) for task in tasks}
-    for task, name in names.items():
+    weights = _weights(checkpoint)
+    if others := set(_read(file).reindex(columns=["policy"]).policy.dropna()) - {weights}:
+        raise ValueError(
+            f"{file} keeps episodes of the policy {', '.join(others)}, and {checkpoint} is {weights}; name another "
+            "file with --episodes."
+        )
+    names = {task_name(find_task(task)): task for task in tasks}
+    for name, task in names.items():
         kept = _read(file)
         if missing := sorted(set(seeds) - set(kept.seed[kept.task == name])):
             policy = policy or load_policy(checkpoint)
-            evaluate(policy, [task], missing, batch_size, on_batch=partial(keep_episodes, file), sensors=sensors)
-    asked = pd.MultiIndex.from_product([names.values(), seeds], names=["task", "seed"])
+            evaluate(
+                *(policy, [task], missing, batch_size),
+                on_batch=lambda episodes: keep_episodes(file, episodes.assign(policy=weights)),
+                sensors=sensors,
+            )
+    asked = pd.MultiIndex.from_product([names, seeds], names=["task", "seed"])
     return _read(file).set_index(["task", "seed"]).loc[asked].reset_index()
 
 
@@ -78,6 +91,14 @@ def keeps_other_sensors(file: Path, sensors: Mapping[str, Any]) -> bool:
     """Returns whether a file keeps episodes of other sensors than these, all arguments of them."""
     kept = _read(file).reindex(columns=[*IDEAL]).fillna(IDEAL)
     return not (kept == pd.Series(sensors)).all(axis=None)
+
+
+def _weights(checkpoint: str | Path) -> str:
+    """What tells a policy from others: the beginning of a digest of its weights."""
+    file = Path(checkpoint) / SAFETENSORS_SINGLE_FILE
+    found = file if file.exists() else hf_hub_download(str(checkpoint), SAFETENSORS_SINGLE_FILE)
+    with open(found, "rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()[:12]
 
 
 def _read(file: Path) -> pd.DataFrame:

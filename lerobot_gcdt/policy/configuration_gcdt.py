@@ -6,6 +6,7 @@ from lerobot.configs.policies import PreTrainedConfig
 from lerobot.optim.optimizers import AdamWConfig
 from lerobot.optim.schedulers import CosineDecayWithWarmupSchedulerConfig
 
+from lerobot_gcdt.averaging import check_average_steps
 from lerobot_gcdt.data.single_frames import SingleFrames
 from lerobot_gcdt.errors import OptionError
 from lerobot_gcdt.policy.objectives import OBJECTIVES
@@ -113,6 +114,7 @@ class GCDTConfig(SingleFrames):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        check_average_steps(self.average_steps)
         for name in SIZES:
             if getattr(self, name) < 1:
                 raise OptionError(f"policy.{name} must be positive, got {getattr(self, name)}.")

@@ -47,7 +47,6 @@ class GCDTPolicy(AveragedWeights, PreTrainedPolicy):
         dataset_meta: Metadata of the dataset to train on, None for inference.
 
     Raises:
-        KeyError: The dataset lacks a feature that GCDT needs.
         ValueError: The dataset has other dimensions than the configuration for the same task, or cannot be read
             (``TrajectoryBank.of``).
         FileNotFoundError: The dataset's files are not on this machine.

@@ -23,9 +23,9 @@ from tqdm import tqdm
 
 import surrol_gym
 from lerobot_gcdt.keys import TIME_TO_GOAL
+from lerobot_gcdt.locking import LOCK_FILE, alone_in
 from lerobot_gcdt.recording.features import NO_EXTRAS, Extras, describe_columns, to_columns
 from lerobot_gcdt.recording.learners import Learner
-from lerobot_gcdt.recording.locking import LOCK_FILE, alone_in
 from lerobot_gcdt.recording.persons import Person
 from lerobot_gcdt.recording.writing import save_episode
 from surrol_gym.by_hand import Stop

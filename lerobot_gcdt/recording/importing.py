@@ -23,9 +23,9 @@ import gymnasium as gym
 import numpy as np
 
 import surrol_gym
+from lerobot_gcdt.locking import alone_in
 from lerobot_gcdt.recording.demonstrations import RECORDING_FILE, build_dataset
 from lerobot_gcdt.recording.features import NO_EXTRAS, to_columns
-from lerobot_gcdt.recording.locking import alone_in
 from lerobot_gcdt.recording.unpickling import read_archive
 from surrol_gym.envs.psm_env import STEP_SIZE, PSMEnv, unwrapped
 

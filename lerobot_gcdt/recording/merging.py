@@ -32,9 +32,9 @@ from lerobot_gcdt.keys import (
     SUCCESS,
     TIME_TO_GOAL,
 )
+from lerobot_gcdt.locking import alone_in
 from lerobot_gcdt.recording.demonstrations import RECORDING_FILE, sort_statistics
 from lerobot_gcdt.recording.features import vector_feature
-from lerobot_gcdt.recording.locking import alone_in
 from lerobot_gcdt.recording.writing import save_episode
 
 PADDED_SIZES = {STATE: 35, ENVIRONMENT_STATE: 6, GOAL: 6, ACHIEVED_GOAL: 6, ACTION: 10, DISTURBANCE: 10}

@@ -1,6 +1,6 @@
 """One way to train: stages and policies as arguments of `lerobot-train`, which runs here or under a launcher.
 
-Imports nothing of this package.
+Imports, of this package, what keeps a second process out of a folder.
 """
 
 from lerobot_gcdt.training.outputs import checkpoint, existing_checkpoint, loss_curve, training_seconds

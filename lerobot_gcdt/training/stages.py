@@ -1,22 +1,29 @@
 """The stages of training, each one run of `lerobot-train` that can be interrupted and repeated."""
 
+import hashlib
 import json
 import os
 import shlex
 import shutil
 import subprocess
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import NamedTuple
 
+from lerobot.common.train_utils import get_step_checkpoint_dir, load_training_step, update_last_checkpoint
 from lerobot.configs.policies import PreTrainedConfig
 from lerobot.utils.import_utils import register_third_party_plugins
 
+from lerobot_gcdt.locking import alone_in
 from lerobot_gcdt.training.outputs import LOSS_FILE, checkpoint, existing_checkpoint
 
 STAGES = ("pretrain", "generalist", "finetune", "scratch")
 """The second and the third begin with a checkpoint, the others with random weights; the first two are GCDT's."""
+
+
+SET_HERE = {"steps": "--steps", "output_dir": "--output", "dataset.root": "--dataset"}
+"""Options of `lerobot-train` that ``train`` sets itself, and what says them instead."""
 
 
 class Recipe(NamedTuple):
@@ -90,19 +97,22 @@ def train(
         device: Where to train, such as ``"cuda"``. None for LeRobot's choice.
         launcher: Command that runs a module, such as ``"accelerate launch --num_processes=4 -m"``. None to train in
             this process.
-        options: Further arguments of `lerobot-train`, which win over those of ``RECIPES``. A training that goes on
-            keeps the settings of its beginning, but for the steps.
+        options: Further arguments of `lerobot-train` but those of ``SET_HERE``; they win over those of ``RECIPES``. A
+            training that goes on keeps the settings of its beginning, but for the steps.
 
     Returns:
         Folder of the last checkpoint.
 
     Raises:
         FileNotFoundError: There is no dataset, no checkpoint to start from, or no such launcher.
-        ValueError: The policy or the stage is unknown, they do not go together, the steps have to be said, or the
-            output folder holds something else.
+        ValueError: The policy or the stage is unknown, they do not go together, the steps have to be said, an option is
+            one that is set here, or the output folder holds something else, a training on other data, or a copy of the
+            last checkpoint instead of the link to it.
+        OSError: Another process trains in the output folder.
         RuntimeError: The launcher ended with an error.
     """
     dataset, output = Path(dataset), Path(output)
+    refuse_options(options, SET_HERE)
     if not (dataset / "meta/info.json").exists():
         raise FileNotFoundError(f"{dataset} holds no dataset; `gcdt record --task TASK --root {dataset}` records one.")
     if start is not None:
@@ -127,12 +137,15 @@ def train(
         "--num_workers=0",
         *options,
     ]
-    arguments = _arguments_to_reach(steps, output, beginning, policy, dataset)
-    if arguments is None:
-        print(f"{output} is complete already.")
-    else:
-        print("lerobot-train \\\n  " + " \\\n  ".join(map(shlex.quote, arguments)), flush=True)
-        _run(arguments, output / LOSS_FILE, launcher)
+    there = output.resolve()
+    # Beside the folder, because LeRobot begins no training in one that exists.
+    with alone_in(there.with_name(f"{there.name}.training"), "--output"):
+        arguments = _arguments_to_reach(steps, output, beginning, policy, dataset)
+        if arguments is None:
+            print(f"{output} is complete already.")
+        else:
+            print("lerobot-train \\\n  " + " \\\n  ".join(map(shlex.quote, arguments)), flush=True)
+            _run(arguments, output / LOSS_FILE, launcher)
     return checkpoint(output)
 
 
@@ -144,12 +157,20 @@ def _short_average(policy: str, steps: int) -> list[str]:
 
 def _arguments_to_reach(steps: int, output: Path, beginning: list[str], policy: str, dataset: Path) -> list[str] | None:
     """Arguments that begin a training or go on with it; None where nothing is left to do."""
-    last = output / "checkpoints/last"
+    checkpoints = output / "checkpoints"
+    last = checkpoints / "last"
     common = [f"--dataset.root={dataset}", f"--steps={steps}", f"--output_dir={output}"]
+    if not last.exists() and (
+        whole := sorted(filter(_is_whole, checkpoints.glob("*")), key=lambda saved: int(saved.name))
+    ):
+        update_last_checkpoint(whole[-1])  # copies may lose the link, and LeRobot removes it before it makes another
     if not last.exists():
         if output.exists():
             if not all(map(_is_leftover, output.iterdir())):
-                raise ValueError(f"{output} exists and holds no checkpoint of lerobot-train; choose another --output.")
+                raise ValueError(
+                    f"{output} exists and holds no checkpoint that lerobot-train could go on with; choose another "
+                    "--output."
+                )
             shutil.rmtree(output)  # an earlier run ended before its first checkpoint
         return [*beginning, *common]
     config = last / "pretrained_model/train_config.json"
@@ -159,9 +180,31 @@ def _arguments_to_reach(steps: int, output: Path, beginning: list[str], policy: 
         raise ValueError(
             f"{output} holds a training of {' on '.join(held)}, not of {' on '.join(wanted)}; choose another --output."
         )
-    if int(last.resolve().name) >= steps:
+    before = Path(settings["dataset"]["root"] or dataset)
+    if (before / "meta/stats.json").exists() and fingerprint(before) != fingerprint(dataset):
+        raise ValueError(
+            f"{output} holds a training on {before}, and {dataset} holds other data; choose another --output."
+        )
+    step = load_training_step(last / "training_state")
+    if step >= steps:
         return None
+    if not last.is_symlink():
+        numbered = get_step_checkpoint_dir(output, settings["steps"], step)
+        remedy = f"rm -r {last}" if numbered.exists() else f"mv {last} {numbered}"
+        raise ValueError(f"{last} is a folder, where lerobot-train keeps a link; `{remedy}`, and repeat the command.")
     return [f"--config_path={config}", "--resume=true", *common]
+
+
+def refuse_options(options: Sequence[str], set_here: Mapping[str, str]) -> None:
+    """Raises ValueError for an option of `lerobot-train` that would be overridden, with what says it instead."""
+    for option in options:
+        if ours := set_here.get(option.removeprefix("--").partition("=")[0]):
+            raise ValueError(f"{option} of lerobot-train is set by gcdt; say it with {ours} of gcdt's own.")
+
+
+def fingerprint(dataset: Path) -> str:
+    """Returns what tells the data in a folder from others: a digest of LeRobot's statistics of them."""
+    return hashlib.sha256((dataset / "meta/stats.json").read_bytes()).hexdigest()
 
 
 def policy_type(checkpoint: Path) -> str:
@@ -212,8 +255,17 @@ def steps_to_train(policy: str, settings: Recipe, steps: int | None) -> int:
 def _is_leftover(file: Path) -> bool:
     """Whether a file may be of a training that ended before its first checkpoint was whole."""
     if file.name == "checkpoints":
-        return all(part.name.isdigit() for part in file.iterdir())
+        parts = [part.name for part in file.iterdir()]
+        return len(parts) <= 1 and all(map(str.isdigit, parts))
     return file.name == LOSS_FILE
+
+
+def _is_whole(saved: Path) -> bool:
+    """Whether a folder is a checkpoint with all that a training goes on with, which LeRobot writes in this order."""
+    config, state = saved / "pretrained_model/train_config.json", saved / "training_state"
+    if not saved.name.isdigit() or not (state / "optimizer_param_groups.json").exists():
+        return False
+    return not json.loads(config.read_text())["scheduler"] or (state / "scheduler_state.json").exists()
 
 
 def _run(arguments: Sequence[str], losses: Path, launcher: str | None) -> None:

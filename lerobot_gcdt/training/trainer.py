@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, redirect_stderr
 from pathlib import Path
 
+from lerobot.common.train_utils import load_training_step
 from lerobot.configs import parser
 from lerobot.configs.train import TrainPipelineConfig
 from lerobot.scripts import lerobot_train
@@ -31,7 +32,7 @@ def run(arguments: Sequence[str], losses: Path) -> None:
             one of several processes does.
     """
     last = losses.parent / "checkpoints/last"
-    before = training_seconds(losses.parent, int(last.resolve().name)) if last.exists() else 0.0
+    before = training_seconds(losses.parent, load_training_step(last / "training_state")) if last.exists() else 0.0
     timed = not losses.exists() or "seconds" in loss_curve(losses.parent)
     begun = _clocks()
 

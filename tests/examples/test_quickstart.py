@@ -1,5 +1,7 @@
 """The README's main job, small: all its outputs appear, and a second call repeats nothing."""
 
+import os
+
 import pandas as pd
 import pytest
 
@@ -34,3 +36,12 @@ def test_a_second_call_repeats_no_stage(first_run, run_example):
     assert {name: (output / name).stat().st_mtime_ns for name in before} == before
     result = [line for line in printed.splitlines() if line.startswith("NeedlePick")]
     assert [line for line in again.splitlines() if line.startswith("NeedlePick")] == result
+
+
+def test_a_film_of_an_earlier_policy_is_replaced(first_run, run_example):
+    film = first_run[0] / "film.mp4"
+    film.write_bytes(b"")
+    os.utime(film, (0, 0))
+    run_example("quickstart", f"--output={first_run[0]}", *SIZES)
+    assert film.stat().st_size > 1000
+    assert not film.with_name("unfinished.mp4").exists()

@@ -60,7 +60,7 @@ def test_held_episodes_reached_the_goal(episodes):
 def test_a_benchmark_is_taken_over_once(tmp_path, monkeypatch):
     add = TABLE["add"]
     monkeypatch.setitem(add.__globals__, "EPISODES", tmp_path / "kept.parquet")
-    cell = {"method": "scratch", "task": "NeedlePick", "training_seed": 3, "seconds": 9.0}
+    cell = {"method": "scratch", "task": "NeedlePick", "demonstrations": 100, "training_seed": 3, "seconds": 9.0}
     rows = [
         cell | {"step": step, "seed": seed, "reached": True, "held": step > 1, "steps": 7.0}
         for step in (1, 2)
@@ -72,3 +72,26 @@ def test_a_benchmark_is_taken_over_once(tmp_path, monkeypatch):
     kept = pd.read_parquet(tmp_path / "kept.parquet")
     assert list(kept) == TABLE["COLUMNS"] and kept.held.tolist() == [True, True]
     assert set(kept.protocol) == {"plain-100"} and kept.seed.tolist() == [400_000, 400_001]
+
+
+@pytest.mark.parametrize(
+    ("columns", "told"),
+    [({"demonstrations": [50, 100]}, "several numbers of demonstrations"), ({"delay": 1}, "imperfect sensors")],
+)
+def test_a_benchmark_that_is_of_no_protocol_is_refused(tmp_path, monkeypatch, columns, told):
+    add = TABLE["add"]
+    monkeypatch.setitem(add.__globals__, "EPISODES", tmp_path / "kept.parquet")
+    cell = {"method": "scratch", "task": "NeedlePick", "demonstrations": 100, "training_seed": 3, "seed": 400_000}
+    pd.DataFrame([cell] * 2).assign(**columns).to_parquet(tmp_path / "episodes.parquet")
+    with pytest.raises(ValueError, match=told):
+        add(tmp_path, "plain-100")
+    assert not (tmp_path / "kept.parquet").exists()
+
+
+def test_a_benchmark_is_taken_over_with_its_protocol_alone(tmp_path, monkeypatch, capsys):
+    main = TABLE["main"]
+    monkeypatch.setitem(main.__globals__, "EPISODES", tmp_path / "kept.parquet")
+    monkeypatch.setattr("sys.argv", ["results_table.py", "--add", str(tmp_path)])
+    with pytest.raises(SystemExit):
+        main()
+    assert "needs a --protocol: published-large" in capsys.readouterr().err

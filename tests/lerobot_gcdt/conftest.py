@@ -20,8 +20,8 @@ from lerobot.scripts import lerobot_eval, lerobot_train
 
 from lerobot_gcdt import GCDTConfig
 from lerobot_gcdt.keys import REQUIRED_KEYS
+from lerobot_gcdt.locking import alone_in
 from lerobot_gcdt.recording import merge, record
-from lerobot_gcdt.recording.locking import alone_in
 
 EPISODES = 4
 

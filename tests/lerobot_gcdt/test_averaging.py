@@ -4,8 +4,11 @@ import pytest
 import torch
 from safetensors.torch import load_file, save_file
 
+from lerobot_gcdt import GCDTConfig
 from lerobot_gcdt.averaging import RESTING, without_resting
 from lerobot_gcdt.baselines.configuration_bc import BCConfig
+from lerobot_gcdt.baselines.configuration_dt import DTConfig
+from lerobot_gcdt.baselines.configuration_plas import PLASConfig
 from lerobot_gcdt.baselines.modeling_bc import BCPolicy
 from lerobot_gcdt.errors import OptionError
 
@@ -105,6 +108,7 @@ def test_a_policy_that_keeps_no_average_begins_with_one_that_was_saved(tmp_path)
     assert not any(name.startswith(RESTING) for name in loaded.state_dict())
 
 
-def test_a_negative_number_of_steps_is_refused():
+@pytest.mark.parametrize("config", [GCDTConfig, BCConfig, DTConfig, PLASConfig])
+def test_a_negative_number_of_steps_is_refused(config):
     with pytest.raises(OptionError, match="average_steps must not be negative, got -1"):
-        BCPolicy(BCConfig(average_steps=-1, **SIZES))
+        config(average_steps=-1)

@@ -189,13 +189,18 @@ def test_evaluate_shows_and_films_the_starts_that_were_asked_for(tmp_path, tiny_
             {"task": tasks[0], "seed": seeds, "reached": True, "held": False}
         ),
     )
-    films = []
-    monkeypatch.setattr("lerobot_gcdt.evaluation.load_policy", lambda path: path)
+    films, loaded = [], []
+    monkeypatch.setattr("lerobot_gcdt.evaluation.load_policy", lambda path: loaded.append(path) or path)
     monkeypatch.setattr("lerobot_gcdt.evaluation.pictures.film", lambda *arguments, **_: films.append(arguments))
-    cli.main(["evaluate", str(folder), "--tasks", "NeedlePick", "--first_seed", "7", "--starts", "4", "--film"])
+    tasks = "NeedlePick,NeedleReach,surrol/NeedleReach-v0"
+    cli.main(["evaluate", str(folder), "--tasks", tasks, "--first_seed", "7", "--starts", "4", "--film"])
     assert "NeedlePick held    0.00" in (printed := capsys.readouterr().out)
     assert "4 starts, seeds 7-10" in printed
-    assert films == [(folder, "NeedlePick", range(7, 10), folder.parent / "NeedlePick.mp4")]
+    assert films == [
+        (folder, "NeedlePick", range(7, 10), folder.parent / "NeedlePick.mp4"),
+        (folder, "surrol/NeedleReach-v0", range(7, 10), folder.parent / "NeedleReach.mp4"),
+    ]
+    assert loaded == [folder], "the policy is loaded once"
 
 
 @pytest.mark.parametrize(

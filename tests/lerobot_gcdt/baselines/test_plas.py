@@ -56,6 +56,13 @@ def test_training_lowers_the_error_of_the_actions(policy, train):
     assert train(policy, 150).forward(batch)[0] < before / 2
 
 
+def test_weighted_samples_are_refused_in_training(policy):
+    batch = {"index": torch.arange(4)}
+    with pytest.raises(OptionError, match="type plas cannot weight the samples .* leave out sample_weighting"):
+        policy.train().forward(batch, reduction="none")
+    assert policy.eval().forward(batch, reduction="none")[0].shape == (4,)
+
+
 def test_decoded_actions_stay_within_the_action_space(policy):
     actions = policy.decoder(torch.randn(500, 25) * 100, torch.randn(500, 10) * 100)
     assert actions.abs().max() <= 1 and actions.abs().max() > 0.99

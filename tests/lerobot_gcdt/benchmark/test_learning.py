@@ -182,6 +182,23 @@ def test_a_name_never_comes_to_stand_for_another_method(datasets, tmp_path, aske
     assert len(asked) == 1 and not (tmp_path / "bc").exists()
 
 
+def test_a_name_never_comes_to_stand_for_another_dataset(datasets, needle_pick_root, tmp_path, asked):
+    request = {"tasks": ["NeedleReach"], "methods": ["bc"], "seeds": [0], "starts": STARTS}
+    benchmark(datasets, tmp_path / "out", **request)
+    shutil.copytree(needle_pick_root, tmp_path / "plain/surrol_needle_reach")
+    shutil.copytree(datasets / "surrol_needle_reach", tmp_path / "moved/surrol_needle_reach")
+    with pytest.raises(ValueError, match="other data than those of surrol_needle_reach in .*plain; .* --output"):
+        benchmark(tmp_path / "plain", tmp_path / "out", **request | {"methods": ["gcdt"]})
+    assert not (tmp_path / "out/gcdt").exists()
+    benchmark(tmp_path / "moved", tmp_path / "out", **request)
+    benchmark(datasets, tmp_path / "out", **request | {"tasks": ["NeedlePick"]})
+    assert set(json.loads((tmp_path / "out/datasets.json").read_text())) == {
+        "surrol_needle_reach",
+        "surrol_needle_pick",
+    }
+    assert len(asked) == 2
+
+
 # Units, under datatrove's executors.
 
 
@@ -231,6 +248,8 @@ def test_a_method_is_a_type_or_a_name_and_what_it_stands_for():
     long = parse_method("long=gcdt --policy.context_length=100 --steps=8", 2, 9, ["--batch_size=2"])
     assert long == ("long", "gcdt", 8, 2, ("--batch_size=2", "--policy.context_length=100"), None, None)
     assert list(long.checkpoints) == [4, 8]
+    spaced = parse_method("long=gcdt --policy.context_length 100 --steps 8", 2)
+    assert (spaced.steps, spaced.options) == (8, ("--policy.context_length", "100"))
 
 
 def test_a_method_may_begin_with_a_checkpoint(datasets, tmp_path, asked):
@@ -283,6 +302,10 @@ def test_no_more_checkpoints_are_evaluated_than_there_are_steps(datasets, tmp_pa
         ({"methods": ["bc", "bc"]}, "at least one method, each once"),
         ({"methods": ["vqbet"]}, "type vqbet .* --steps"),
         ({"methods": ["bc=bc --steps=many"]}, "The method bc has --steps=many"),
+        ({"methods": ["bc=bc --steps"]}, "A method's --steps needs a value"),
+        ({"methods": ["bc=bc --seed=3"]}, "--seed=3 of lerobot-train is set by gcdt; say it with --seeds"),
+        ({"options": ["--steps=5"]}, "--steps=5 .* say it with --steps"),
+        ({"options": ["--save_freq", "5"]}, "--save_freq .* say it with --points"),
         ({"methods": ["tuned=gcdt --start=nowhere"]}, "nowhere holds no checkpoint"),
         ({"methods": [f"tuned=bc --start={GENERALIST}"]}, "tuned is a policy of type bc, .* one of type gcdt"),
         ({"methods": ["one=bc --dataset=both"]}, "both holds no dataset; `gcdt record --all --root"),

@@ -1,6 +1,7 @@
 """The trajectory bank: the dataset in memory, LeRobot's windows, hindsight relabelling, packing."""
 
 import shutil
+from types import SimpleNamespace
 
 import gymnasium as gym
 import pyarrow.parquet as pq
@@ -10,7 +11,7 @@ from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
 from lerobot_gcdt.data.trajectories import Sequences, TrajectoryBank
-from lerobot_gcdt.keys import ACHIEVED_GOAL, ACTION, GOAL, STATE, TIME_TO_GOAL
+from lerobot_gcdt.keys import ACHIEVED_GOAL, ACTION, GOAL, REQUIRED_KEYS, STATE, TIME_TO_GOAL
 
 
 @pytest.fixture(scope="module")
@@ -179,6 +180,12 @@ def test_windows_of_lerobot_hold_what_the_bank_holds(bank, needle_pick_windows):
         assert torch.equal(windows.items[key][:2], value[:2]), key
         assert torch.equal(windows.items[key][2, 30:], value[2, :20]), key
     assert torch.equal(windows.timestep[2, 30:], torch.arange(20))
+
+
+def test_a_foreign_dataset_is_told_with_what_it_lacks():
+    foreign = SimpleNamespace(root="foreign", features=dict.fromkeys(set(REQUIRED_KEYS) - {GOAL}))
+    with pytest.raises(ValueError, match=f"in foreign lacks {GOAL}; this policy needs .* `gcdt record`"):
+        TrajectoryBank.of(foreign, "cpu")
 
 
 def test_windows_that_lack_something_or_are_of_an_unknown_task_are_named(needle_pick_windows):

@@ -8,6 +8,7 @@ from lerobot.configs.types import FeatureType, PolicyFeature
 from lerobot.policies.act.configuration_act import ACTConfig
 from lerobot.policies.act.modeling_act import ACTPolicy
 from lerobot.policies.act.processor_act import make_act_pre_post_processors
+from safetensors.torch import load_file, save_file
 
 from lerobot_gcdt import GCDTPolicy, make_gcdt_pre_post_processors
 from lerobot_gcdt.evaluation import evaluate_checkpoint, rollout
@@ -123,6 +124,23 @@ def test_episodes_of_any_policy_are_kept_in_the_file_that_is_named(checkpoint, t
         evaluate_checkpoint(policy, ["NeedleReach"], [7])
     episodes = evaluate_checkpoint(policy, ["NeedleReach"], [7], file=tmp_path / "results/mine.parquet")
     pd.testing.assert_frame_equal(episodes, pd.read_parquet(tmp_path / "results/mine.parquet"))
+
+
+def test_a_file_keeps_the_episodes_of_one_policy(checkpoint, tmp_path):
+    file = tmp_path / "mine.parquet"
+    evaluate_checkpoint(checkpoint, ["NeedleReach"], [7], file=file)
+    weights = load_file(checkpoint / "model.safetensors")
+    save_file(weights | {"training_step": weights["training_step"] + 1}, checkpoint / "model.safetensors")
+    with pytest.raises(ValueError, match="mine.parquet keeps episodes of the policy .* name another file with --episo"):
+        evaluate_checkpoint(checkpoint, ["NeedleReach"], [7], file=file)
+    pd.read_parquet(file).drop(columns="policy").to_parquet(file)  # as earlier versions did
+    episodes = evaluate_checkpoint(checkpoint, ["NeedleReach"], [7, 8], file=file)
+    assert episodes.seed.tolist() == [7, 8] and episodes.policy.notna().tolist() == [False, True]
+
+
+def test_a_task_that_is_named_twice_counts_once(checkpoint):
+    episodes = evaluate_checkpoint(checkpoint, ["NeedleReach", "surrol/NeedleReach-v0"], [7])
+    assert starts(episodes) == [("NeedleReach", 7)]
 
 
 def test_a_file_keeps_the_episodes_of_one_kind_of_sensors(checkpoint, tmp_path):

@@ -105,6 +105,70 @@ def test_a_training_goes_on_even_where_it_and_its_data_were_moved(trained, uneve
     assert 0 < curve.seconds[0] < curve.seconds[1] < curve.seconds[2]
 
 
+def without_link(trained, folder):
+    """A copy of a training of two steps, of which a checkpoint more was interrupted, that lost `checkpoints/last`."""
+    shutil.copytree(trained / "pretrain", folder, symlinks=True)
+    checkpoints = folder / "checkpoints"
+    shutil.copytree(checkpoints / "000002", checkpoints / "000003")
+    (checkpoints / "000003/training_state/scheduler_state.json").unlink()
+    (checkpoints / "last").unlink()
+    return folder
+
+
+def test_a_training_without_the_link_to_its_last_checkpoint_goes_on_from_the_newest_whole_one(
+    trained, uneven_root, asked, tmp_path
+):
+    output = without_link(trained, tmp_path / "copied")
+    training.train(uneven_root, output, stage="pretrain", steps=4)
+    assert f"--config_path={output}/checkpoints/last/pretrained_model/train_config.json" in asked[0]
+    assert checkpoint(output).resolve().parent.name == "000002"
+
+
+def test_a_checkpoint_without_a_scheduler_is_whole(trained, uneven_root, asked, tmp_path):
+    output = without_link(trained, tmp_path / "copied")
+    config = output / "checkpoints/000003/pretrained_model/train_config.json"
+    config.write_text(json.dumps(json.loads(config.read_text()) | {"scheduler": None}))
+    training.train(uneven_root, output, stage="pretrain", steps=4)
+    assert checkpoint(output).resolve().parent.name == "000003"
+
+
+def test_checkpoints_that_no_training_can_go_on_with_are_not_removed(needle_pick_root, tmp_path, asked):
+    for step in ("000500", "001000"):
+        (tmp_path / "checkpoints" / step).mkdir(parents=True)
+    with pytest.raises(ValueError, match="no checkpoint that lerobot-train could go on with; choose another --output"):
+        training.train(needle_pick_root, tmp_path)
+    assert (tmp_path / "checkpoints/000500").exists() and not asked
+
+
+@pytest.mark.parametrize(("numbered", "remedy"), [(True, "rm -r .*/last"), (False, "mv .*/last .*/checkpoints/000002")])
+def test_a_copy_of_the_last_checkpoint_in_place_of_the_link_is_told_with_the_way_out(
+    trained, uneven_root, asked, tmp_path, numbered, remedy
+):
+    shutil.copytree(trained / "pretrain", output := tmp_path / "copied")
+    if not numbered:
+        shutil.rmtree(output / "checkpoints/000002")
+    with pytest.raises(ValueError, match=f"last is a folder, where lerobot-train keeps a link; `{remedy}`"):
+        training.train(uneven_root, output, stage="pretrain", steps=3)
+    training.train(uneven_root, output, stage="pretrain", steps=2)  # which is complete
+    assert not asked
+
+
+def test_a_second_process_in_the_same_folder_is_refused(needle_pick_root, tmp_path, asked, at_work):
+    output = tmp_path / "new"
+    (output / "checkpoints/000500").mkdir(parents=True)
+    at_work(tmp_path / "new.training")
+    with pytest.raises(OSError, match="at work in .*new.training; wait for its end, or choose another --output"):
+        training.train(needle_pick_root, output)
+    assert (output / "checkpoints/000500").exists() and not asked
+
+
+def test_nothing_is_left_beside_the_output_folder(needle_pick_root, tmp_path, monkeypatch):
+    inside = []
+    monkeypatch.setattr(trainer, "run", lambda *_: inside.extend(file.name for file in tmp_path.iterdir()))
+    training.train(needle_pick_root, tmp_path / "new")
+    assert inside == ["new.training"] and not list(tmp_path.iterdir())
+
+
 def test_steps_that_were_repeated_count_once_in_the_loss_curve(tmp_path):
     (tmp_path / "loss.csv").write_text("step,loss\n1,0.5\n2,0.4\n3,0.35\n2,0.4\n3,0.3\n4,0.2\n")
     curve = loss_curve(tmp_path)
@@ -136,6 +200,13 @@ def test_the_folder_of_another_training_is_refused(trained, uneven_root, needle_
     assert not asked
 
 
+def test_other_data_in_a_folder_of_the_same_name_are_refused(trained, uneven_root, needle_pick_root, asked, tmp_path):
+    shutil.copytree(needle_pick_root, other := tmp_path / uneven_root.name)
+    with pytest.raises(ValueError, match=f"on {uneven_root}, and {other} holds other data; choose another --output"):
+        training.train(other, trained / "pretrain", stage="pretrain", steps=3)
+    assert not asked
+
+
 # Bad input.
 
 
@@ -150,6 +221,9 @@ def test_the_folder_of_another_training_is_refused(trained, uneven_root, needle_
         ({"stage": "scratch", "start": "pretrain"}, "leave out --start"),
         ({"policy": "bc", "start": "pretrain"}, "type gcdt, not bc"),
         ({"steps": 0}, "positive, got 0"),
+        ({"options": ["--steps=5"]}, "--steps=5 of lerobot-train is set by gcdt; say it with --steps"),
+        ({"options": ["--output_dir", "elsewhere"]}, "--output_dir .* say it with --output"),
+        ({"options": ["--dataset.root=mine"]}, "--dataset.root=mine .* say it with --dataset"),
     ],
     ids=lambda value: "-".join(map(str, value.values())) if isinstance(value, dict) else "",
 )

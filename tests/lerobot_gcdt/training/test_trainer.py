@@ -6,6 +6,7 @@ import math
 from types import SimpleNamespace
 
 import pytest
+from lerobot.common.train_utils import save_training_step, update_last_checkpoint
 from lerobot.scripts import lerobot_train
 from lerobot.utils.logging_utils import AverageMeter, MetricsTracker
 
@@ -26,10 +27,9 @@ class Training:
         self.steps, self.device = steps, SimpleNamespace(type=device)
         trainer.run([], self.output / "loss.csv")
         if checkpoint:
-            (self.output / f"checkpoints/{checkpoint:06d}").mkdir(parents=True)
-            last = self.output / "checkpoints/last"
-            last.unlink(missing_ok=True)
-            last.symlink_to(f"{checkpoint:06d}")
+            saved = self.output / f"checkpoints/{checkpoint:06d}"
+            save_training_step(checkpoint, saved / "training_state")
+            update_last_checkpoint(saved)
 
     def main(self):
         logger = logging.getLogger()
@@ -73,16 +73,16 @@ def test_between_two_rows_seconds_are_interpolated(training):
 def test_a_training_that_was_begun_without_seconds_goes_on_without_them(training):
     training.output.mkdir()
     (training.output / "loss.csv").write_text("step,loss\n1,0.5\n")
-    (training.output / "checkpoints/000001").mkdir(parents=True)
-    (training.output / "checkpoints/last").symlink_to("000001")
+    save_training_step(1, training.output / "checkpoints/000001/training_state")
+    update_last_checkpoint(training.output / "checkpoints/000001")
     training.run([2, 3])
     assert loss_curve(training.output).to_dict("list") == {"step": [1, 2, 3], "loss": [0.5, 0.0, 0.0]}
     assert math.isnan(training_seconds(training.output, 2))
 
 
 def test_a_training_of_lerobots_own_command_has_no_seconds_even_where_it_goes_on(training):
-    (training.output / "checkpoints/000001").mkdir(parents=True)
-    (training.output / "checkpoints/last").symlink_to("000001")
+    save_training_step(1, training.output / "checkpoints/000001/training_state")
+    update_last_checkpoint(training.output / "checkpoints/000001")
     assert math.isnan(training_seconds(training.output, 1))
     training.run([2, 3])
     assert math.isnan(training_seconds(training.output, 3))

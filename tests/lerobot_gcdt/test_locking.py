@@ -2,7 +2,7 @@
 
 import pytest
 
-from lerobot_gcdt.recording.locking import alone_in
+from lerobot_gcdt.locking import alone_in
 
 
 def test_a_second_process_is_refused_with_the_folder_and_the_way_out(at_work, tmp_path):

@@ -1,4 +1,4 @@
-"""One process at a time in a folder of unfinished work."""
+"""One process at a time at a piece of work."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -11,11 +11,12 @@ LOCK_FILE = "lock"
 
 
 @contextmanager
-def alone_in(folder: Path) -> Iterator[None]:
+def alone_in(folder: Path, option: str = "--root") -> Iterator[None]:
     """Keeps other processes out of a folder until the end of the block.
 
     Args:
         folder: The folder. It is made where it does not exist, and removed in the end if it holds nothing.
+        option: Option of the commands that names another folder.
 
     Raises:
         OSError: Another process is at work there, or the folder cannot be made.
@@ -26,7 +27,7 @@ def alone_in(folder: Path) -> Iterator[None]:
         lock.acquire(timeout=0)
     except Timeout:
         raise OSError(
-            f"another `gcdt` command is at work in {folder}; wait for its end, or choose another --root"
+            f"another `gcdt` command is at work in {folder}; wait for its end, or choose another {option}"
         ) from None
     try:
         yield
