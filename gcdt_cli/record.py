@@ -102,8 +102,8 @@ def run(options: argparse.Namespace) -> None:
     if executor and not options.all:
         raise ValueError(f"--executor {options.executor} runs the recordings of several tasks, with --all.")
     if not options.all:
-        for name in ("workers", "manifest", "write_manifest"):
-            if getattr(options, name) not in (None, False):
+        for name, unasked in (("workers", None), ("manifest", None), ("write_manifest", False)):
+            if getattr(options, name) is not unasked:
                 raise ValueError(f"--{name} goes with --all, not with a single task.")
     if options.teleop:
         from surrol_gym.display import check_display
