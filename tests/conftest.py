@@ -11,6 +11,9 @@ import pytest
 
 TESTS = Path(__file__).parent
 
+# There are as many processes as cores; with two threads each they would wait busily for one another.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
 
 def pytest_addoption(parser):
     parser.addoption("--episodes", type=int, help="how many episodes a study plays, instead of its own number")
