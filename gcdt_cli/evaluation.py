@@ -58,9 +58,9 @@ def run(options: argparse.Namespace) -> None:
     for training, found in checkpoints.items():
         episodes = evaluate_checkpoint(found, tasks[training], seeds, file=options.episodes, sensors=sensors)
         print(f"{training}\n{describe(episodes)}", flush=True)
-        policy = load_policy(found) if options.film else None
-        named = {task_name(find_task(task)): task for task in tasks[training]} if options.film else {}
-        for name, task in named.items():
-            path = (options.episodes or found.resolve()).parent / f"{name}.mp4"
-            film(policy, task, seeds[:3], path, sensors=sensors)
-            print(f"The film is {path}.")
+        if options.film:
+            policy = load_policy(found)
+            for name, task in {task_name(find_task(task)): task for task in tasks[training]}.items():
+                path = (options.episodes or found.resolve()).parent / f"{name}.mp4"
+                film(policy, task, seeds[:3], path, sensors=sensors)
+                print(f"The film is {path}.")

@@ -200,7 +200,7 @@ class Benchmark:
             raise ValueError(f"{self.output} keeps episodes of other sensors than {sensors}; choose another --output.")
         _check_folders(Path(self.output), methods)
         held = _held_datasets(Path(self.output))
-        found = {cell.dataset.name: fingerprint(cell.dataset) for cell in cells}
+        found = {dataset.name: fingerprint(dataset) for dataset in dict.fromkeys(cell.dataset for cell in cells)}
         if other := [name for name in found if found[name] != held.get(name, found[name])]:
             raise ValueError(
                 f"{self.output} holds trainings on other data than those of {', '.join(other)} in {self.datasets}; "
