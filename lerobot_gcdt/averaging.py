@@ -6,6 +6,7 @@ errors grow along an episode. The average over many steps is steadier, and bette
 """
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -15,15 +16,26 @@ from safetensors.torch import save
 from torch import Tensor, nn
 from torch.optim.swa_utils import get_ema_multi_avg_fn
 
+from lerobot_gcdt.data.single_frames import SingleFrames
 from lerobot_gcdt.errors import OptionError
 
 RESTING = "resting"
 
 
-def check_average_steps(steps: int) -> None:
-    """Raises OptionError for a negative number of steps, which no average looks back on; for configurations."""
-    if steps < 0:
-        raise OptionError(f"policy.average_steps must not be negative, got {steps}.")
+@dataclass
+class AveragedWeightsConfig(SingleFrames):
+    """Configuration of a policy with ``AveragedWeights``.
+
+    Attributes:
+        average_steps: Steps of training whose weights the policy acts with the average of; 0 for the last weights.
+    """
+
+    average_steps: int = 2_000
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.average_steps < 0:
+            raise OptionError(f"policy.average_steps must not be negative, got {self.average_steps}.")
 
 
 class AveragedWeights(nn.Module):

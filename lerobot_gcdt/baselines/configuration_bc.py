@@ -6,16 +6,15 @@ from lerobot.configs.policies import PreTrainedConfig
 from lerobot.optim.optimizers import AdamWConfig
 from lerobot.optim.schedulers import CosineDecayWithWarmupSchedulerConfig
 
-from lerobot_gcdt.averaging import check_average_steps
+from lerobot_gcdt.averaging import AveragedWeightsConfig
 from lerobot_gcdt.baselines.one_task import whole_cosine
-from lerobot_gcdt.data.single_frames import SingleFrames
 from lerobot_gcdt.errors import OptionError
 from lerobot_gcdt.precision import DTYPES
 
 
 @PreTrainedConfig.register_subclass("bc")
 @dataclass
-class BCConfig(SingleFrames):
+class BCConfig(AveragedWeightsConfig):
     """Configuration of ``BCPolicy``, for one task.
 
     `gcdt train` gives it 24,000 steps of four samples.
@@ -29,8 +28,6 @@ class BCConfig(SingleFrames):
         dtype: Arithmetic of the layers between the first and the last in training: ``"bfloat16"``, ``"float32"``, or
             ``"auto"`` for the faster of the two on the device (``lerobot_gcdt.precision``). All else is in float32.
         task_dims: Sizes ``[observation, goal, action]`` of the task, by task sentence. Filled from the dataset.
-        average_steps: Steps of training whose weights the policy acts with the average of
-            (``lerobot_gcdt.averaging``); 0 for the last weights.
         optimizer_lr: Peak learning rate of AdamW, decayed along a cosine over the whole training.
     """
 
@@ -41,12 +38,10 @@ class BCConfig(SingleFrames):
     relative_goal: bool = True
     dtype: str = "auto"
     task_dims: dict[str, list[int]] = field(default_factory=dict)
-    average_steps: int = 2_000
     optimizer_lr: float = 1e-3
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_average_steps(self.average_steps)
         if self.frames_per_sample < 1:
             raise OptionError(f"policy.frames_per_sample must be positive, got {self.frames_per_sample}.")
         for name in ("dropout", "hindsight_ratio"):

@@ -6,15 +6,14 @@ from lerobot.configs.policies import PreTrainedConfig
 from lerobot.optim.optimizers import AdamWConfig
 from lerobot.optim.schedulers import CosineDecayWithWarmupSchedulerConfig
 
-from lerobot_gcdt.averaging import check_average_steps
+from lerobot_gcdt.averaging import AveragedWeightsConfig
 from lerobot_gcdt.baselines.one_task import whole_cosine
-from lerobot_gcdt.data.single_frames import SingleFrames
 from lerobot_gcdt.errors import OptionError
 
 
 @PreTrainedConfig.register_subclass("dt")
 @dataclass
-class DTConfig(SingleFrames):
+class DTConfig(AveragedWeightsConfig):
     """Configuration of ``DTPolicy`` (Chen et al. 2021, arXiv 2106.01345), for one task.
 
     Layers, width, dropout and context are those of Chen et al. for continuous control.
@@ -31,8 +30,6 @@ class DTConfig(SingleFrames):
         return_quantile: Quantile of the demonstrations' returns that the return-to-go starts at; 1 is the best one.
         windows_per_sample: Training windows that are drawn for each sample of a batch.
         task_dims: Sizes ``[observation, goal, action]`` of the task, by task sentence. Filled from the dataset.
-        average_steps: Steps of training whose weights the policy acts with the average of
-            (``lerobot_gcdt.averaging``); 0 for the last weights.
         optimizer_lr: Peak learning rate of AdamW, decayed along a cosine over the whole training.
     """
 
@@ -46,12 +43,10 @@ class DTConfig(SingleFrames):
     return_quantile: float = 1.0
     windows_per_sample: int = 2
     task_dims: dict[str, list[int]] = field(default_factory=dict)
-    average_steps: int = 2_000
     optimizer_lr: float = 1e-3
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_average_steps(self.average_steps)
         for name in ("layers", "heads", "width", "context_length", "max_timesteps", "windows_per_sample"):
             if getattr(self, name) < 1:
                 raise OptionError(f"policy.{name} must be positive, got {getattr(self, name)}.")

@@ -11,11 +11,10 @@ from lerobot.optim.optimizers import AdamWConfig
 from lerobot.optim.schedulers import CosineDecayWithWarmupSchedulerConfig
 from torch import Tensor, nn
 
-from lerobot_gcdt.averaging import AveragedWeights, check_average_steps
+from lerobot_gcdt.averaging import AveragedWeights, AveragedWeightsConfig
 from lerobot_gcdt.baselines.one_task import open_one_task, state_and_goal, to_train_on, training_frames, whole_cosine
 from lerobot_gcdt.data.acting_batch import with_goals
 from lerobot_gcdt.data.columns import read_columns
-from lerobot_gcdt.data.single_frames import SingleFrames
 from lerobot_gcdt.data.statistics import mean_and_std
 from lerobot_gcdt.data.trajectories import TrajectoryBank
 from lerobot_gcdt.errors import OptionError
@@ -39,7 +38,7 @@ class Transitions(NamedTuple):
 
 
 @dataclass
-class RewardLearnerConfig(SingleFrames):
+class RewardLearnerConfig(AveragedWeightsConfig):
     """Configuration of a ``RewardLearner``.
 
     Attributes:
@@ -48,8 +47,6 @@ class RewardLearnerConfig(SingleFrames):
         target_rate: Share of the way to the networks in training that their targets go in a step.
         frames_per_sample: Training frames that are drawn for each sample of a batch.
         task_dims: Sizes ``[observation, goal, action]`` of the task, by task sentence. Filled from the dataset.
-        average_steps: Steps of training whose weights the policy acts with the average of
-            (``lerobot_gcdt.averaging``); 0 for the last weights.
         optimizer_lr: Peak learning rate of AdamW, decayed along a cosine over the whole training.
     """
 
@@ -58,12 +55,10 @@ class RewardLearnerConfig(SingleFrames):
     target_rate: float = 0.005
     frames_per_sample: int = 32
     task_dims: dict[str, list[int]] = field(default_factory=dict)
-    average_steps: int = 2_000
     optimizer_lr: float = 1e-3
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_average_steps(self.average_steps)
         if self.frames_per_sample < 1:
             raise OptionError(f"policy.frames_per_sample must be positive, got {self.frames_per_sample}.")
         for name in ("discount", "target_rate"):

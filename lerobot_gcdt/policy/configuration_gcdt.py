@@ -6,8 +6,7 @@ from lerobot.configs.policies import PreTrainedConfig
 from lerobot.optim.optimizers import AdamWConfig
 from lerobot.optim.schedulers import CosineDecayWithWarmupSchedulerConfig
 
-from lerobot_gcdt.averaging import check_average_steps
-from lerobot_gcdt.data.single_frames import SingleFrames
+from lerobot_gcdt.averaging import AveragedWeightsConfig
 from lerobot_gcdt.errors import OptionError
 from lerobot_gcdt.policy.objectives import OBJECTIVES
 from lerobot_gcdt.precision import DTYPES
@@ -21,7 +20,7 @@ PAPERS_OBJECTIVES = ("dynamics", "time_to_goal", "reconstruction")
 
 @PreTrainedConfig.register_subclass("gcdt")
 @dataclass
-class GCDTConfig(SingleFrames):
+class GCDTConfig(AveragedWeightsConfig):
     """Configuration of ``GCDTPolicy`` (Fu et al., ICRA 2024, arXiv 2405.18757).
 
     Attributes:
@@ -66,8 +65,6 @@ class GCDTConfig(SingleFrames):
         task_dims: Sizes ``[observation, goal, action]`` of each task, by task sentence. Filled from the dataset.
         expected_steps: Mean steps to the goal of each task, by task sentence: where time-to-goal starts at test time
             if it counts down. Filled from the dataset.
-        average_steps: Steps of training whose weights the policy acts with the average of
-            (``lerobot_gcdt.averaging``); 0 for the last weights.
         optimizer_lr: Peak learning rate of AdamW.
         optimizer_eps: What AdamW adds to the root mean square that it divides gradients by. With PyTorch's 1e-8 one
             that had learned NeedleReach to the last digit blew up: its gradients had become so small that the next
@@ -104,7 +101,6 @@ class GCDTConfig(SingleFrames):
     task_dims: dict[str, list[int]] = field(default_factory=dict)
     expected_steps: dict[str, float] = field(default_factory=dict)
 
-    average_steps: int = 2_000
     optimizer_lr: float = 2e-3
     optimizer_eps: float = 1e-6
     optimizer_weight_decay: float = 1e-4
@@ -114,7 +110,6 @@ class GCDTConfig(SingleFrames):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_average_steps(self.average_steps)
         for name in SIZES:
             if getattr(self, name) < 1:
                 raise OptionError(f"policy.{name} must be positive, got {getattr(self, name)}.")
