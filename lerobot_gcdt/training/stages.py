@@ -106,8 +106,8 @@ def train(
     Raises:
         FileNotFoundError: There is no dataset, no checkpoint to start from, or no such launcher.
         ValueError: The policy or the stage is unknown, they do not go together, the steps have to be said, an option is
-            one that is set here, or the output folder holds something else, a training on other data, or a copy of the
-            last checkpoint instead of the link to it.
+            one that is set here or that LeRobot or the policy refuses, or the output folder holds something else, a
+            training on other data, or a copy of the last checkpoint instead of the link to it.
         OSError: Another process trains in the output folder.
         RuntimeError: The launcher ended with an error.
     """

@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, redirect_stderr
 from pathlib import Path
 
+from draccus.utils import DecodingError, ParsingError
 from lerobot.common.train_utils import load_training_step
 from lerobot.configs import parser
 from lerobot.configs.train import TrainPipelineConfig
@@ -30,6 +31,9 @@ def run(arguments: Sequence[str], losses: Path) -> None:
         arguments: Of `lerobot-train`.
         losses: File that a row is added to whenever LeRobot logs (``lerobot_gcdt.training.outputs.LOSS_FILE``); only
             one of several processes does.
+
+    Raises:
+        ValueError: LeRobot or the policy refuses an option after the command line was read.
     """
     last = losses.parent / "checkpoints/last"
     before = training_seconds(losses.parent, load_training_step(last / "training_state")) if last.exists() else 0.0
@@ -80,13 +84,24 @@ def _clocks() -> dict[str, float]:
 
 @contextmanager
 def _command_line(arguments: Sequence[str]) -> Iterator[None]:
-    """Lets `lerobot-train` find its arguments where it reads parts of its configuration from alone."""
+    """Lets `lerobot-train` find its arguments where it reads parts of its configuration from alone.
+
+    Draccus's errors, of which ``lerobot_gcdt.errors.OptionError`` is one, become ValueErrors: LeRobot tells those in a
+    sentence that come while it reads the command line, not those that come later, from a checkpoint's or a policy.
+    """
     before, sys.argv = sys.argv, ["lerobot-train", *arguments]
     try:
         yield
+    except DecodingError as error:
+        raise ValueError(str(error)) from error
+    except ParsingError as error:  # hides what it was raised from
+        raise ValueError(str(error.__cause__ or error)) from error
     finally:
         sys.argv = before
 
 
 if __name__ == "__main__":
-    run(sys.argv[2:], Path(sys.argv[1]))
+    try:
+        run(sys.argv[2:], Path(sys.argv[1]))
+    except ValueError as error:
+        sys.exit(f"lerobot-train: {error}")

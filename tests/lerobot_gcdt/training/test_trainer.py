@@ -3,6 +3,8 @@
 import inspect
 import logging
 import math
+import runpy
+import sys
 from types import SimpleNamespace
 
 import pytest
@@ -10,6 +12,7 @@ from lerobot.common.train_utils import save_training_step, update_last_checkpoin
 from lerobot.scripts import lerobot_train
 from lerobot.utils.logging_utils import AverageMeter, MetricsTracker
 
+from lerobot_gcdt.errors import OptionError
 from lerobot_gcdt.training import loss_curve, trainer, training_seconds
 
 
@@ -96,3 +99,13 @@ def test_an_option_that_lerobot_does_not_take_is_named_in_one_line(capsys):
             trainer.check_options([*needed, bad])
         assert "\n" not in str(told.value)
     assert not capsys.readouterr().err
+
+
+def test_a_launched_process_ends_with_one_line_about_an_option_that_the_policy_refuses(tmp_path, monkeypatch):
+    def main():
+        raise OptionError("policy.layers must be positive, got 0.")
+
+    monkeypatch.setattr(lerobot_train, "main", main)
+    monkeypatch.setattr(sys, "argv", [trainer.__file__, str(tmp_path / "loss.csv")])
+    with pytest.raises(SystemExit, match=r"^lerobot-train: policy.layers must be positive, got 0.$"):
+        runpy.run_path(trainer.__file__, run_name="__main__")
