@@ -198,7 +198,8 @@ def _arguments_to_reach(steps: int, output: Path, beginning: list[str], policy: 
 def refuse_options(options: Sequence[str], set_here: Mapping[str, str]) -> None:
     """Raises ValueError for an option of `lerobot-train` that would be overridden, with what says it instead."""
     for option in options:
-        if ours := set_here.get(option.removeprefix("--").partition("=")[0]):
+        name = option.partition("=")[0]
+        if name.startswith("--") and (ours := set_here.get(name.removeprefix("--"))):
             raise ValueError(f"{option} of lerobot-train is set by gcdt; say it with {ours} of gcdt's own.")
 
 

@@ -235,6 +235,11 @@ def test_a_bad_request_is_told_before_anything_is_written(trained, needle_pick_r
     assert not asked and not list(tmp_path.iterdir())
 
 
+def test_a_value_may_read_like_an_option_that_is_set_here(needle_pick_root, tmp_path, asked):
+    training.train(needle_pick_root, tmp_path / "new", options=["--job_name", "steps"])
+    assert "steps" in asked[0]
+
+
 def test_a_package_that_a_policy_needs_is_named_before_anything_is_written(
     needle_pick_root, tmp_path, asked, monkeypatch
 ):
