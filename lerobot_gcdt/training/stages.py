@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 from lerobot.common.train_utils import get_step_checkpoint_dir, load_training_step, update_last_checkpoint
 from lerobot.configs.policies import PreTrainedConfig
+from lerobot.utils.constants import TRAINING_STATE_DIR, TRAINING_STEP
 from lerobot.utils.import_utils import register_third_party_plugins
 
 from lerobot_gcdt.locking import alone_in
@@ -107,7 +108,7 @@ def train(
         FileNotFoundError: There is no dataset, no checkpoint to start from, or no such launcher.
         ValueError: The policy or the stage is unknown, they do not go together, the steps have to be said, an option is
             one that is set here or that LeRobot or the policy refuses, or the output folder holds something else, a
-            training on other data, or a copy of the last checkpoint instead of the link to it.
+            training on other data, or of the last checkpoint a copy instead of the link to it or no training state.
         OSError: Another process trains in the output folder.
         RuntimeError: The launcher ended with an error.
     """
@@ -185,14 +186,27 @@ def _arguments_to_reach(steps: int, output: Path, beginning: list[str], policy: 
         raise ValueError(
             f"{output} holds a training on {before}, and {dataset} holds other data; choose another --output."
         )
-    step = load_training_step(last / "training_state")
+    step = _step(last)
     if step >= steps:
         return None
+    if not (state := last / TRAINING_STATE_DIR / TRAINING_STEP).exists():
+        raise ValueError(
+            f"{state} is missing, without which lerobot-train cannot go on to step {steps}; choose another --output, "
+            f"or remove {output} to begin anew."
+        )
     if not last.is_symlink():
         numbered = get_step_checkpoint_dir(output, settings["steps"], step)
         remedy = f"rm -r {last}" if numbered.exists() else f"mv {last} {numbered}"
         raise ValueError(f"{last} is a folder, where lerobot-train keeps a link; `{remedy}`, and repeat the command.")
     return [f"--config_path={config}", "--resume=true", *common]
+
+
+def _step(saved: Path) -> int:
+    """The step of a checkpoint, that of its name where somebody removed its training state to save space, or else 0."""
+    state, name = saved / TRAINING_STATE_DIR, saved.resolve().name
+    if (state / TRAINING_STEP).exists():
+        return load_training_step(state)
+    return int(name) if name.isdigit() else 0
 
 
 def refuse_options(options: Sequence[str], set_here: Mapping[str, str]) -> None:

@@ -153,6 +153,20 @@ def test_a_copy_of_the_last_checkpoint_in_place_of_the_link_is_told_with_the_way
     assert not asked
 
 
+def test_a_training_without_its_training_state_may_be_complete_and_cannot_go_on(
+    trained, uneven_root, asked, tmp_path, capsys
+):
+    shutil.copytree(trained / "pretrain", output := tmp_path / "pruned", symlinks=True)
+    shutil.rmtree(output / "checkpoints/000002/training_state")
+    assert training.train(uneven_root, output, stage="pretrain", steps=2) == checkpoint(output)
+    assert "pruned is complete already" in capsys.readouterr().out
+    with pytest.raises(
+        ValueError, match="last/training_state/.* is missing, .* to step 3; choose another --output, or "
+    ):
+        training.train(uneven_root, output, stage="pretrain", steps=3)
+    assert checkpoint(output).exists() and not asked
+
+
 def test_a_second_process_in_the_same_folder_is_refused(needle_pick_root, tmp_path, asked, at_work):
     output = tmp_path / "new"
     (output / "checkpoints/000500").mkdir(parents=True)
