@@ -1,6 +1,5 @@
 """The stages of training, each one run of `lerobot-train` that can be interrupted and repeated."""
 
-import hashlib
 import json
 import os
 import shlex
@@ -17,6 +16,7 @@ from lerobot.utils.constants import TRAINING_STATE_DIR, TRAINING_STEP
 from lerobot.utils.import_utils import register_third_party_plugins
 
 from lerobot_gcdt.locking import alone_in
+from lerobot_gcdt.training.learned_data import DATASETS_FILE, fingerprint, noted_datasets
 from lerobot_gcdt.training.outputs import LOSS_FILE, checkpoint, existing_checkpoint
 
 STAGES = ("pretrain", "generalist", "finetune", "scratch")
@@ -181,11 +181,10 @@ def _arguments_to_reach(steps: int, output: Path, beginning: list[str], policy: 
         raise ValueError(
             f"{output} holds a training of {' on '.join(held)}, not of {' on '.join(wanted)}; choose another --output."
         )
-    before = Path(settings["dataset"]["root"] or dataset)
-    if (before / "meta/stats.json").exists() and fingerprint(before) != fingerprint(dataset):
-        raise ValueError(
-            f"{output} holds a training on {before}, and {dataset} holds other data; choose another --output."
-        )
+    # A training of before there were notes is on whatever lies where its data did.
+    before = noted_datasets(output).get(dataset.name) or fingerprint(Path(settings["dataset"]["root"] or dataset))
+    if before and before != fingerprint(dataset):
+        raise ValueError(f"{output} holds a training on other data than those in {dataset}; choose another --output.")
     step = _step(last)
     if step >= steps:
         return None
@@ -215,11 +214,6 @@ def refuse_options(options: Sequence[str], set_here: Mapping[str, str]) -> None:
         name = option.partition("=")[0]
         if name.startswith("--") and (ours := set_here.get(name.removeprefix("--"))):
             raise ValueError(f"{option} of lerobot-train is set by gcdt; say it with {ours} of gcdt's own.")
-
-
-def fingerprint(dataset: Path) -> str:
-    """Returns what tells the data in a folder from others: a digest of LeRobot's statistics of them."""
-    return hashlib.sha256((dataset / "meta/stats.json").read_bytes()).hexdigest()
 
 
 def policy_type(checkpoint: Path) -> str:
@@ -272,7 +266,7 @@ def _is_leftover(file: Path) -> bool:
     if file.name == "checkpoints":
         parts = [part.name for part in file.iterdir()]
         return len(parts) <= 1 and all(map(str.isdigit, parts))
-    return file.name == LOSS_FILE
+    return file.name in (LOSS_FILE, DATASETS_FILE)
 
 
 def _is_whole(saved: Path) -> bool:

@@ -18,17 +18,21 @@ from lerobot.configs.train import TrainPipelineConfig
 from lerobot.scripts import lerobot_train
 from lerobot.utils.logging_utils import MetricsTracker
 
+from lerobot_gcdt.training.learned_data import fingerprint, note_datasets
 from lerobot_gcdt.training.outputs import loss_curve, training_seconds
 
 FIRST_STEP = "Start offline training"
 """What LeRobot logs when everything is prepared; were it not found, a second or two of that would count as training."""
 
+CHECKPOINT = "Checkpoint policy after step"
+"""What LeRobot logs before it writes a checkpoint; were it not found, other data would not be noticed."""
+
 
 def run(arguments: Sequence[str], losses: Path) -> None:
-    """Runs `lerobot-train` in this process.
+    """Runs `lerobot-train` in this process, and notes beside the first checkpoint which data it learns from.
 
     Args:
-        arguments: Of `lerobot-train`.
+        arguments: Of `lerobot-train`, with ``--dataset.root=FOLDER``.
         losses: File that a row is added to whenever LeRobot logs (``lerobot_gcdt.training.outputs.LOSS_FILE``); only
             one of several processes does.
 
@@ -39,6 +43,8 @@ def run(arguments: Sequence[str], losses: Path) -> None:
     before = training_seconds(losses.parent, load_training_step(last / "training_state")) if last.exists() else 0.0
     timed = not losses.exists() or "seconds" in loss_curve(losses.parent)
     begun = _clocks()
+    dataset = Path(parser.parse_arg("dataset.root", arguments))
+    data = {dataset.name: fingerprint(dataset)}
 
     def keep_row(message: logging.LogRecord) -> bool:
         nonlocal begun
@@ -52,6 +58,8 @@ def run(arguments: Sequence[str], losses: Path) -> None:
                 stream.write(f"{header}{row['steps']},{row['loss']}{seconds}\n")
         elif str(message.msg).startswith(FIRST_STEP):
             begun = _clocks()
+        elif str(message.msg).startswith(CHECKPOINT):
+            note_datasets(losses.parent, data)
         return True
 
     logger = logging.getLogger()
