@@ -25,15 +25,13 @@ from lerobot_gcdt.evaluation.tasks import check_starts
 from lerobot_gcdt.recording.demonstrations import RECORDING_FILE, dataset_name
 from lerobot_gcdt.recording.facts import recordings, task_of
 from lerobot_gcdt.training import train, training_seconds
-from lerobot_gcdt.training.stages import fingerprint
+from lerobot_gcdt.training.learned_data import fingerprint, note_datasets, noted_datasets
 from surrol_gym.registry import find_task, task_name
 from surrol_gym.wrappers import IDEAL, complete_sensors
 
 EPISODES_FILE = "episodes.parquet"
 EPISODES_OF_SENSORS = "episodes_of_sensors.parquet"
 SETTINGS_FILE = "method.json"
-DATASETS_FILE = "datasets.json"
-"""The fingerprint of each dataset that is learned from, by its name."""
 
 CELL = ["method", "task", "demonstrations", "training_seed"]
 EPISODE = [*CELL, "step", "seed"]
@@ -85,14 +83,14 @@ class Plan(NamedTuple):
         cells: All cells.
         unfinished: Those that lack episodes.
         sensors: All arguments of the sensors.
-        datasets: The fingerprint of each dataset, by its name, also of those that there are trainings on already.
+        datasets: The fingerprint of each dataset, by its name.
     """
 
     methods: list[Method]
     cells: list[Cell]
     unfinished: list[Cell]
     sensors: dict[str, float]
-    datasets: dict[str, str]
+    datasets: dict[str, str | None]
 
 
 @dataclass(frozen=True)
@@ -199,7 +197,7 @@ class Benchmark:
         if keeps_other_sensors(file, sensors):
             raise ValueError(f"{self.output} keeps episodes of other sensors than {sensors}; choose another --output.")
         _check_folders(Path(self.output), methods)
-        held = _held_datasets(Path(self.output))
+        held = noted_datasets(Path(self.output))
         found = {dataset.name: fingerprint(dataset) for dataset in dict.fromkeys(cell.dataset for cell in cells)}
         if other := [name for name in found if found[name] != held.get(name, found[name])]:
             raise ValueError(
@@ -208,7 +206,7 @@ class Benchmark:
             )
         kept, starts = self._kept(cells).groupby(CELL).size(), len(self.starts)
         unfinished = [cell for cell in cells if kept.get(cell.key) != cell.method.points * starts]
-        return Plan(methods, cells, unfinished, sensors, held | found)
+        return Plan(methods, cells, unfinished, sensors, found)
 
     def _kept(self, cells: Sequence[Cell]) -> pd.DataFrame:
         """The episodes that there are of these cells, their checkpoints and the starts."""
@@ -265,16 +263,9 @@ def _check_folders(output: Path, methods: Sequence[Method]) -> None:
             )
 
 
-def _held_datasets(output: Path) -> dict[str, str]:
-    file = output / DATASETS_FILE
-    return json.loads(file.read_text()) if file.exists() else {}
-
-
 def _claim_folders(output: Path, plan: Plan) -> None:
     """Notes what each method and each dataset stands for, so that its name never comes to stand for another."""
-    output.mkdir(parents=True, exist_ok=True)
-    if plan.datasets != _held_datasets(output):  # benchmarks may run side by side
-        (output / DATASETS_FILE).write_text(json.dumps(plan.datasets, indent=2) + "\n")
+    note_datasets(output, plan.datasets)
     for method in plan.methods:
         file = output / method.name / SETTINGS_FILE
         file.parent.mkdir(parents=True, exist_ok=True)

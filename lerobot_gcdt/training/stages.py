@@ -1,6 +1,5 @@
 """The stages of training, each one run of `lerobot-train` that can be interrupted and repeated."""
 
-import hashlib
 import json
 import os
 import shlex
@@ -13,9 +12,11 @@ from typing import NamedTuple
 
 from lerobot.common.train_utils import get_step_checkpoint_dir, load_training_step, update_last_checkpoint
 from lerobot.configs.policies import PreTrainedConfig
+from lerobot.utils.constants import TRAINING_STATE_DIR, TRAINING_STEP
 from lerobot.utils.import_utils import register_third_party_plugins
 
 from lerobot_gcdt.locking import alone_in
+from lerobot_gcdt.training.learned_data import DATASETS_FILE, fingerprint, noted_datasets
 from lerobot_gcdt.training.outputs import LOSS_FILE, checkpoint, existing_checkpoint
 
 STAGES = ("pretrain", "generalist", "finetune", "scratch")
@@ -106,8 +107,8 @@ def train(
     Raises:
         FileNotFoundError: There is no dataset, no checkpoint to start from, or no such launcher.
         ValueError: The policy or the stage is unknown, they do not go together, the steps have to be said, an option is
-            one that is set here, or the output folder holds something else, a training on other data, or a copy of the
-            last checkpoint instead of the link to it.
+            one that is set here or that LeRobot or the policy refuses, or the output folder holds something else, a
+            training on other data, or of the last checkpoint a copy instead of the link to it or no training state.
         OSError: Another process trains in the output folder.
         RuntimeError: The launcher ended with an error.
     """
@@ -180,14 +181,18 @@ def _arguments_to_reach(steps: int, output: Path, beginning: list[str], policy: 
         raise ValueError(
             f"{output} holds a training of {' on '.join(held)}, not of {' on '.join(wanted)}; choose another --output."
         )
-    before = Path(settings["dataset"]["root"] or dataset)
-    if (before / "meta/stats.json").exists() and fingerprint(before) != fingerprint(dataset):
-        raise ValueError(
-            f"{output} holds a training on {before}, and {dataset} holds other data; choose another --output."
-        )
-    step = load_training_step(last / "training_state")
+    # A training of before there were notes is on whatever lies where its data did.
+    before = noted_datasets(output).get(dataset.name) or fingerprint(Path(settings["dataset"]["root"] or dataset))
+    if before and before != fingerprint(dataset):
+        raise ValueError(f"{output} holds a training on other data than those in {dataset}; choose another --output.")
+    step = _step(last)
     if step >= steps:
         return None
+    if not (state := last / TRAINING_STATE_DIR / TRAINING_STEP).exists():
+        raise ValueError(
+            f"{state} is missing, without which lerobot-train cannot go on to step {steps}; choose another --output, "
+            f"or remove {output} to begin anew."
+        )
     if not last.is_symlink():
         numbered = get_step_checkpoint_dir(output, settings["steps"], step)
         remedy = f"rm -r {last}" if numbered.exists() else f"mv {last} {numbered}"
@@ -195,16 +200,20 @@ def _arguments_to_reach(steps: int, output: Path, beginning: list[str], policy: 
     return [f"--config_path={config}", "--resume=true", *common]
 
 
+def _step(saved: Path) -> int:
+    """The step of a checkpoint, that of its name where somebody removed its training state to save space, or else 0."""
+    state, name = saved / TRAINING_STATE_DIR, saved.resolve().name
+    if (state / TRAINING_STEP).exists():
+        return load_training_step(state)
+    return int(name) if name.isdigit() else 0
+
+
 def refuse_options(options: Sequence[str], set_here: Mapping[str, str]) -> None:
     """Raises ValueError for an option of `lerobot-train` that would be overridden, with what says it instead."""
     for option in options:
-        if ours := set_here.get(option.removeprefix("--").partition("=")[0]):
+        name = option.partition("=")[0]
+        if name.startswith("--") and (ours := set_here.get(name.removeprefix("--"))):
             raise ValueError(f"{option} of lerobot-train is set by gcdt; say it with {ours} of gcdt's own.")
-
-
-def fingerprint(dataset: Path) -> str:
-    """Returns what tells the data in a folder from others: a digest of LeRobot's statistics of them."""
-    return hashlib.sha256((dataset / "meta/stats.json").read_bytes()).hexdigest()
 
 
 def policy_type(checkpoint: Path) -> str:
@@ -257,7 +266,7 @@ def _is_leftover(file: Path) -> bool:
     if file.name == "checkpoints":
         parts = [part.name for part in file.iterdir()]
         return len(parts) <= 1 and all(map(str.isdigit, parts))
-    return file.name == LOSS_FILE
+    return file.name in (LOSS_FILE, DATASETS_FILE)
 
 
 def _is_whole(saved: Path) -> bool:

@@ -11,30 +11,40 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, redirect_stderr
 from pathlib import Path
 
+from draccus.utils import DecodingError, ParsingError
 from lerobot.common.train_utils import load_training_step
 from lerobot.configs import parser
 from lerobot.configs.train import TrainPipelineConfig
 from lerobot.scripts import lerobot_train
 from lerobot.utils.logging_utils import MetricsTracker
 
+from lerobot_gcdt.training.learned_data import fingerprint, note_datasets
 from lerobot_gcdt.training.outputs import loss_curve, training_seconds
 
 FIRST_STEP = "Start offline training"
 """What LeRobot logs when everything is prepared; were it not found, a second or two of that would count as training."""
 
+CHECKPOINT = "Checkpoint policy after step"
+"""What LeRobot logs before it writes a checkpoint; were it not found, other data would not be noticed."""
+
 
 def run(arguments: Sequence[str], losses: Path) -> None:
-    """Runs `lerobot-train` in this process.
+    """Runs `lerobot-train` in this process, and notes beside the first checkpoint which data it learns from.
 
     Args:
-        arguments: Of `lerobot-train`.
+        arguments: Of `lerobot-train`, with ``--dataset.root=FOLDER``.
         losses: File that a row is added to whenever LeRobot logs (``lerobot_gcdt.training.outputs.LOSS_FILE``); only
             one of several processes does.
+
+    Raises:
+        ValueError: LeRobot or the policy refuses an option after the command line was read.
     """
     last = losses.parent / "checkpoints/last"
     before = training_seconds(losses.parent, load_training_step(last / "training_state")) if last.exists() else 0.0
     timed = not losses.exists() or "seconds" in loss_curve(losses.parent)
     begun = _clocks()
+    dataset = Path(parser.parse_arg("dataset.root", arguments))
+    data = {dataset.name: fingerprint(dataset)}
 
     def keep_row(message: logging.LogRecord) -> bool:
         nonlocal begun
@@ -48,6 +58,8 @@ def run(arguments: Sequence[str], losses: Path) -> None:
                 stream.write(f"{header}{row['steps']},{row['loss']}{seconds}\n")
         elif str(message.msg).startswith(FIRST_STEP):
             begun = _clocks()
+        elif str(message.msg).startswith(CHECKPOINT):
+            note_datasets(losses.parent, data)
         return True
 
     logger = logging.getLogger()
@@ -80,13 +92,24 @@ def _clocks() -> dict[str, float]:
 
 @contextmanager
 def _command_line(arguments: Sequence[str]) -> Iterator[None]:
-    """Lets `lerobot-train` find its arguments where it reads parts of its configuration from alone."""
+    """Lets `lerobot-train` find its arguments where it reads parts of its configuration from alone.
+
+    Draccus's errors, of which ``lerobot_gcdt.errors.OptionError`` is one, become ValueErrors: LeRobot tells those in a
+    sentence that come while it reads the command line, not those that come later, from a checkpoint's or a policy.
+    """
     before, sys.argv = sys.argv, ["lerobot-train", *arguments]
     try:
         yield
+    except DecodingError as error:
+        raise ValueError(str(error)) from error
+    except ParsingError as error:  # hides what it was raised from
+        raise ValueError(str(error.__cause__ or error)) from error
     finally:
         sys.argv = before
 
 
 if __name__ == "__main__":
-    run(sys.argv[2:], Path(sys.argv[1]))
+    try:
+        run(sys.argv[2:], Path(sys.argv[1]))
+    except ValueError as error:
+        sys.exit(f"lerobot-train: {error}")

@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
+from lerobot.policies.act.configuration_act import ACTConfig
 
 import gcdt_cli as cli
 from lerobot_gcdt import GENERALIST
@@ -255,6 +256,34 @@ def test_a_bad_argument_ends_with_one_line(changed, named, tmp_path):
     assert isinstance(end.value.code, str), "the message becomes the line on stderr, and the status is not zero"
     assert named in end.value.code
     assert "\n" not in end.value.code
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.fixture(scope="module")
+def act_policy(tmp_path_factory):
+    """Folder of a policy of LeRobot's, as far as it is read before its options are."""
+    folder = tmp_path_factory.mktemp("act")
+    ACTConfig(push_to_hub=False).save_pretrained(folder)
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("policy", "option", "told"),
+    [
+        (["--start", "generalist"], "--policy.average_steps=-1", "policy.average_steps must not be negative, got -1."),
+        (["--start", "generalist"], "--policy.layers=many", "`layers`: Couldn't parse 'many' into an int"),
+        (["--start", "{act}", "--steps", "1"], "--policy.n_action_steps=101", "Got 101 for `n_action_steps`"),
+        (["--policy", "plas"], "--sample_weighting.type=uniform", "type plas cannot weight .*; leave out"),
+    ],
+    ids=["refused by a started policy", "no number", "refused by LeRobot's policy", "refused in the first step"],
+)
+def test_an_option_that_is_refused_after_it_was_read_ends_with_one_line(
+    needle_pick_root, act_policy, command, tmp_path, policy, option, told
+):
+    arguments = ["train", "--dataset", str(needle_pick_root), "--output", str(tmp_path / "new"), "--device", "cpu"]
+    arguments += [argument.format(act=act_policy) for argument in policy]
+    with pytest.raises(SystemExit, match=rf"^gcdt train: [^\n]*{told}[^\n]*$"):
+        command(lambda: cli.main([*arguments, "--", option]))
     assert not list(tmp_path.iterdir())
 
 

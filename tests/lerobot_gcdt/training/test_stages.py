@@ -153,6 +153,20 @@ def test_a_copy_of_the_last_checkpoint_in_place_of_the_link_is_told_with_the_way
     assert not asked
 
 
+def test_a_training_without_its_training_state_may_be_complete_and_cannot_go_on(
+    trained, uneven_root, asked, tmp_path, capsys
+):
+    shutil.copytree(trained / "pretrain", output := tmp_path / "pruned", symlinks=True)
+    shutil.rmtree(output / "checkpoints/000002/training_state")
+    assert training.train(uneven_root, output, stage="pretrain", steps=2) == checkpoint(output)
+    assert "pruned is complete already" in capsys.readouterr().out
+    with pytest.raises(
+        ValueError, match="last/training_state/.* is missing, .* to step 3; choose another --output, or "
+    ):
+        training.train(uneven_root, output, stage="pretrain", steps=3)
+    assert checkpoint(output).exists() and not asked
+
+
 def test_a_second_process_in_the_same_folder_is_refused(needle_pick_root, tmp_path, asked, at_work):
     output = tmp_path / "new"
     (output / "checkpoints/000500").mkdir(parents=True)
@@ -179,6 +193,7 @@ def test_what_ended_before_its_first_checkpoint_begins_anew(needle_pick_root, tm
     output = tmp_path / "new"
     (output / "checkpoints/000500").mkdir(parents=True)
     (output / "loss.csv").write_text("step,loss\n12,0.5\n")
+    (output / "datasets.json").write_text("{}")
     training.train(needle_pick_root, output)
     assert "--policy.type=gcdt" in asked[0]
     assert not output.exists()
@@ -202,9 +217,25 @@ def test_the_folder_of_another_training_is_refused(trained, uneven_root, needle_
 
 def test_other_data_in_a_folder_of_the_same_name_are_refused(trained, uneven_root, needle_pick_root, asked, tmp_path):
     shutil.copytree(needle_pick_root, other := tmp_path / uneven_root.name)
-    with pytest.raises(ValueError, match=f"on {uneven_root}, and {other} holds other data; choose another --output"):
+    with pytest.raises(ValueError, match=f"on other data than those in {other}; choose another --output"):
         training.train(other, trained / "pretrain", stage="pretrain", steps=3)
     assert not asked
+
+
+def test_data_that_replaced_others_in_place_are_refused(trained, uneven_root, needle_pick_root, asked, tmp_path):
+    shutil.copytree(trained / "pretrain", output := tmp_path / "copied", symlinks=True)
+    shutil.copytree(uneven_root, dataset := tmp_path / uneven_root.name)
+    config = checkpoint(output) / "train_config.json"
+    config.write_text(config.read_text().replace(str(uneven_root), str(dataset)))
+    training.train(dataset, output, stage="pretrain", steps=3)
+    shutil.rmtree(dataset)
+    shutil.copytree(needle_pick_root, dataset)
+    with pytest.raises(ValueError, match=f"on other data than those in {dataset}; choose another --output"):
+        training.train(dataset, output, stage="pretrain", steps=3)
+    assert len(asked) == 1
+    (output / "datasets.json").unlink()  # as in a training of an earlier version
+    training.train(dataset, output, stage="pretrain", steps=3)
+    assert len(asked) == 2
 
 
 # Bad input.
@@ -233,6 +264,11 @@ def test_a_bad_request_is_told_before_anything_is_written(trained, needle_pick_r
     with pytest.raises(ValueError, match=told):
         training.train(needle_pick_root, tmp_path / "new", **options)
     assert not asked and not list(tmp_path.iterdir())
+
+
+def test_a_value_may_read_like_an_option_that_is_set_here(needle_pick_root, tmp_path, asked):
+    training.train(needle_pick_root, tmp_path / "new", options=["--job_name", "steps"])
+    assert "steps" in asked[0]
 
 
 def test_a_package_that_a_policy_needs_is_named_before_anything_is_written(

@@ -3,6 +3,8 @@
 import inspect
 import logging
 import math
+import runpy
+import sys
 from types import SimpleNamespace
 
 import pytest
@@ -10,6 +12,7 @@ from lerobot.common.train_utils import save_training_step, update_last_checkpoin
 from lerobot.scripts import lerobot_train
 from lerobot.utils.logging_utils import AverageMeter, MetricsTracker
 
+from lerobot_gcdt.errors import OptionError
 from lerobot_gcdt.training import loss_curve, trainer, training_seconds
 
 
@@ -25,7 +28,7 @@ class Training:
     def run(self, steps, device="cpu", checkpoint=None):
         """Trains and keeps a checkpoint; without one an interruption loses what was done."""
         self.steps, self.device = steps, SimpleNamespace(type=device)
-        trainer.run([], self.output / "loss.csv")
+        trainer.run(["--dataset.root=none"], self.output / "loss.csv")
         if checkpoint:
             saved = self.output / f"checkpoints/{checkpoint:06d}"
             save_training_step(checkpoint, saved / "training_state")
@@ -55,8 +58,10 @@ def test_seconds_are_cpu_time_on_the_cpu_and_wall_time_elsewhere(training, devic
     assert loss_curve(training.output).seconds.tolist() == seconds
 
 
-def test_lerobot_says_when_its_preparations_are_over():
-    assert f'f"{trainer.FIRST_STEP}' in inspect.getsource(lerobot_train.train)
+def test_lerobot_says_when_it_is_prepared_and_before_it_writes_a_checkpoint():
+    source = inspect.getsource(lerobot_train.train)
+    assert f'f"{trainer.FIRST_STEP}' in source
+    assert source.index(f'f"{trainer.CHECKPOINT}') < source.index(" save_checkpoint(")
 
 
 def test_seconds_go_on_from_the_checkpoint_after_an_interruption(training):
@@ -96,3 +101,13 @@ def test_an_option_that_lerobot_does_not_take_is_named_in_one_line(capsys):
             trainer.check_options([*needed, bad])
         assert "\n" not in str(told.value)
     assert not capsys.readouterr().err
+
+
+def test_a_launched_process_ends_with_one_line_about_an_option_that_the_policy_refuses(tmp_path, monkeypatch):
+    def main():
+        raise OptionError("policy.layers must be positive, got 0.")
+
+    monkeypatch.setattr(lerobot_train, "main", main)
+    monkeypatch.setattr(sys, "argv", [trainer.__file__, str(tmp_path / "loss.csv"), "--dataset.root=none"])
+    with pytest.raises(SystemExit, match=r"^lerobot-train: policy.layers must be positive, got 0.$"):
+        runpy.run_path(trainer.__file__, run_name="__main__")
