@@ -22,13 +22,17 @@ from surrol_gym.wrappers import IDEAL
 
 ROOT = Path(__file__).parent.parent
 EPISODES = ROOT / "examples/paper_table/episodes.parquet"
-README, RESULTS = ROOT / "README.md", ROOT / "docs/results.md"
-PROTOCOLS = ("published-large", "published-100", "plain-100", "interactive")
+README, RESULTS, NOTES = ROOT / "README.md", ROOT / "docs/results.md", EPISODES.with_name("notes.md")
+PROTOCOLS = ("published-large", "published-100", "plain-100", "interactive", "ablation")
 METHODS = {
     "generalist": "generalist",
     "tuned": "fine-tuned",
     "scratch": "GCDT for one task",
     "perceptron": "perceptron",
+    "last_weights": "last weights",
+    "four_tokens": "a token an item",
+    "clock": "told its time-to-goal",
+    "context_100": "100 steps of context",
 }
 """The methods in the order of their columns, and what they are called there."""
 
@@ -48,6 +52,9 @@ COLUMNS = [*KEY[:-1], "seconds", "seed", "reached", "held", "steps"]
 def protocols() -> Iterator[tuple[str, pd.DataFrame]]:
     """Yields the protocols that there are episodes of, and their success rates in the order of tasks and methods."""
     episodes = pd.read_parquet(EPISODES).assign(step=1, demonstrations=0)  # the protocol tells them
+    ablated = episodes.task[episodes.protocol == "ablation"].unique()
+    whole = episodes.query("protocol == 'published-100' and method == 'scratch' and task in @ablated")
+    episodes = pd.concat([episodes, whole.assign(protocol="ablation")])
     for column, order in (("task", list(surrol_gym.TASKS)), ("method", list(METHODS))):
         episodes[column] = pd.Categorical(episodes[column], order)
     episodes = episodes.sort_values(["task", "method"], kind="stable").astype({"task": str, "method": str})
@@ -61,7 +68,7 @@ def tables() -> Iterator[tuple[Path, str, str]]:
     for protocol, rates in protocols():
         by_method = {name: rates[rates.method == method].set_index("task") for method, name in METHODS.items()}
         columns = {name: rows for name, rows in by_method.items() if len(rows)}
-        yield RESULTS, protocol, _table(columns, _with_interval)
+        yield NOTES if protocol == "ablation" else RESULTS, protocol, _table(columns, _with_interval)
         for name, rows in columns.items():
             if protocol in DEMONSTRATIONS and len(rows) == len(PAPER):
                 whole[f"{name}, {DEMONSTRATIONS[protocol]}"] = rows
