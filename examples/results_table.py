@@ -52,9 +52,9 @@ COLUMNS = [*KEY[:-1], "seconds", "seed", "reached", "held", "steps"]
 def protocols() -> Iterator[tuple[str, pd.DataFrame]]:
     """Yields the protocols that there are episodes of, and their success rates in the order of tasks and methods."""
     episodes = pd.read_parquet(EPISODES).assign(step=1, demonstrations=0)  # the protocol tells them
-    ablated = episodes.task[episodes.protocol == "ablation"].unique()
-    whole = episodes.query("protocol == 'published-100' and method == 'scratch' and task in @ablated")
-    episodes = pd.concat([episodes, whole.assign(protocol="ablation")])
+    ablated = set(episodes.task[episodes.protocol == "ablation"])
+    base = (episodes.protocol == "published-100") & (episodes.method == "scratch") & episodes.task.isin(ablated)
+    episodes = pd.concat([episodes, episodes[base].assign(protocol="ablation")])
     for column, order in (("task", list(surrol_gym.TASKS)), ("method", list(METHODS))):
         episodes[column] = pd.Categorical(episodes[column], order)
     episodes = episodes.sort_values(["task", "method"], kind="stable").astype({"task": str, "method": str})

@@ -11,20 +11,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 import torch
+from lerobot.configs.policies import PreTrainedConfig
 from safetensors import safe_open
 from safetensors.torch import save
 from torch import Tensor, nn
 from torch.optim.swa_utils import get_ema_multi_avg_fn
 
-from lerobot_gcdt.data.single_frames import SingleFrames
 from lerobot_gcdt.errors import OptionError
 
 RESTING = "resting"
 
 
 @dataclass
-class AveragedWeightsConfig(SingleFrames):
-    """Configuration of a policy with ``AveragedWeights``.
+class AveragedWeightsConfig(PreTrainedConfig):
+    """What the configuration of a policy with ``AveragedWeights`` inherits, before ``SingleFrames``.
 
     Attributes:
         average_steps: Steps of training whose weights the policy acts with the average of; 0 for the last weights.

@@ -8,13 +8,14 @@ from lerobot.optim.schedulers import CosineDecayWithWarmupSchedulerConfig
 
 from lerobot_gcdt.averaging import AveragedWeightsConfig
 from lerobot_gcdt.baselines.one_task import whole_cosine
+from lerobot_gcdt.data.single_frames import SingleFrames
 from lerobot_gcdt.errors import OptionError
 from lerobot_gcdt.precision import DTYPES
 
 
 @PreTrainedConfig.register_subclass("bc")
 @dataclass
-class BCConfig(AveragedWeightsConfig):
+class BCConfig(AveragedWeightsConfig, SingleFrames):
     """Configuration of ``BCPolicy``, for one task.
 
     `gcdt train` gives it 24,000 steps of four samples.

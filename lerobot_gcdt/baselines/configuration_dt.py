@@ -8,12 +8,13 @@ from lerobot.optim.schedulers import CosineDecayWithWarmupSchedulerConfig
 
 from lerobot_gcdt.averaging import AveragedWeightsConfig
 from lerobot_gcdt.baselines.one_task import whole_cosine
+from lerobot_gcdt.data.single_frames import SingleFrames
 from lerobot_gcdt.errors import OptionError
 
 
 @PreTrainedConfig.register_subclass("dt")
 @dataclass
-class DTConfig(AveragedWeightsConfig):
+class DTConfig(AveragedWeightsConfig, SingleFrames):
     """Configuration of ``DTPolicy`` (Chen et al. 2021, arXiv 2106.01345), for one task.
 
     Layers, width, dropout and context are those of Chen et al. for continuous control.

@@ -15,6 +15,7 @@ from lerobot_gcdt.averaging import AveragedWeights, AveragedWeightsConfig
 from lerobot_gcdt.baselines.one_task import open_one_task, state_and_goal, to_train_on, training_frames, whole_cosine
 from lerobot_gcdt.data.acting_batch import with_goals
 from lerobot_gcdt.data.columns import read_columns
+from lerobot_gcdt.data.single_frames import SingleFrames
 from lerobot_gcdt.data.statistics import mean_and_std
 from lerobot_gcdt.data.trajectories import TrajectoryBank
 from lerobot_gcdt.errors import OptionError
@@ -38,7 +39,7 @@ class Transitions(NamedTuple):
 
 
 @dataclass
-class RewardLearnerConfig(AveragedWeightsConfig):
+class RewardLearnerConfig(AveragedWeightsConfig, SingleFrames):
     """Configuration of a ``RewardLearner``.
 
     Attributes:

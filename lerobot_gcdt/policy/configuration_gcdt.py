@@ -7,6 +7,7 @@ from lerobot.optim.optimizers import AdamWConfig
 from lerobot.optim.schedulers import CosineDecayWithWarmupSchedulerConfig
 
 from lerobot_gcdt.averaging import AveragedWeightsConfig
+from lerobot_gcdt.data.single_frames import SingleFrames
 from lerobot_gcdt.errors import OptionError
 from lerobot_gcdt.policy.objectives import OBJECTIVES
 from lerobot_gcdt.precision import DTYPES
@@ -20,7 +21,7 @@ PAPERS_OBJECTIVES = ("dynamics", "time_to_goal", "reconstruction")
 
 @PreTrainedConfig.register_subclass("gcdt")
 @dataclass
-class GCDTConfig(AveragedWeightsConfig):
+class GCDTConfig(AveragedWeightsConfig, SingleFrames):
     """Configuration of ``GCDTPolicy`` (Fu et al., ICRA 2024, arXiv 2405.18757).
 
     Attributes:
