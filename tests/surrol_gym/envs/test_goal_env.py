@@ -1,3 +1,4 @@
+import copy
 import os
 import pickle
 import random
@@ -432,6 +433,28 @@ def test_a_state_can_be_restored_in_an_environment_that_was_never_reset(make, en
     fresh = make(env.unwrapped.task).unwrapped
     fresh.set_state(env.unwrapped.get_state())
     assert play(fresh, actions[:15]) == shots[1:16]
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))], ids=["copy", "pickle"])
+@one_and_two_arms
+def test_a_copy_goes_on_by_itself(env, recorded, copied):
+    shots, actions = recorded
+    env.reset(seed=6)
+    play(env, actions[:30])
+    other = copied(env)
+    assert play(other, actions[30:36]) == shots[31:37]
+    other.close()
+    assert play(env, actions[30:36]) == shots[31:37]
+
+
+def test_a_copy_has_the_arguments_and_the_time_limit_of_the_original(make):
+    env = make("NeedlePick", randomize=False, render_mode="rgb_array", width=32, height=24, max_episode_steps=3)
+    other = copy.deepcopy(env)
+    for one in (env, other):
+        one.reset(seed=1)
+    np.testing.assert_array_equal(other.render(), env.render())
+    assert [other.step(np.zeros(5))[3] for _ in range(3)] == [False, False, True]
+    other.close()
 
 
 @one_and_two_arms
