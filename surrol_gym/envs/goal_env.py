@@ -349,20 +349,21 @@ class GoalEnv(gym.Env):
             if self._window:
                 self._window.close()
 
-    # The multi-goal API: everything vectorised over leading axes.
+    # The multi-goal API: everything vectorised over leading axes. Goals of another size raise ValueError.
 
     def compute_reward(self, achieved_goal: np.ndarray, desired_goal: np.ndarray, info: Any) -> np.ndarray | float:
         """Returns 0 where the goal is achieved and -1 elsewhere, for goals of shape (..., G)."""
+        self._check_goals(achieved_goal, desired_goal)
         reward = np.asarray(self.is_success(achieved_goal, desired_goal), dtype=np.float32) - 1.0
         return reward if reward.ndim else float(reward)
 
     def compute_terminated(self, achieved_goal: np.ndarray, desired_goal: np.ndarray, info: Any) -> np.ndarray | bool:
         """Returns False for every goal: episodes end at the time limit only."""
-        return self._never(achieved_goal)
+        return self._never(achieved_goal, desired_goal)
 
     def compute_truncated(self, achieved_goal: np.ndarray, desired_goal: np.ndarray, info: Any) -> np.ndarray | bool:
         """Returns False for every goal: the time limit truncates."""
-        return self._never(achieved_goal)
+        return self._never(achieved_goal, desired_goal)
 
     # Saving and restoring.
 
@@ -458,9 +459,16 @@ class GoalEnv(gym.Env):
         if not self._world_state:
             raise ResetNeeded(f"Call reset() before the first step of this {self.task} environment.")
 
-    @staticmethod
-    def _never(achieved_goal: np.ndarray) -> np.ndarray | bool:
-        shape = np.shape(achieved_goal)[:-1]
+    def _check_goals(self, *goals: np.ndarray) -> tuple[int, ...]:
+        """Returns the leading axes that the goals have together."""
+        size = len(self.goal_names)
+        for goal in goals:
+            if np.shape(goal)[-1:] != (size,):
+                raise ValueError(f"{self.task} takes goals of shape (..., {size}), got {np.shape(goal)}.")
+        return np.broadcast_shapes(*map(np.shape, goals))[:-1]
+
+    def _never(self, *goals: np.ndarray) -> np.ndarray | bool:
+        shape = self._check_goals(*goals)
         return np.zeros(shape, dtype=bool) if shape else False
 
 

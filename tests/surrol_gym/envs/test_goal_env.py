@@ -266,6 +266,31 @@ def test_goal_functions_are_vectorised_over_leading_axes(env):
             assert reward[index] == compute.compute_reward(achieved[index], desired[index], {})
 
 
+def test_a_goal_and_many_are_as_many(env):
+    goal = np.ones(SIZES[env.unwrapped.task][1])
+    many = np.stack([goal, goal + 1, goal])
+    for one, other in ((goal, many), (many, goal)):
+        np.testing.assert_array_equal(env.unwrapped.compute_reward(one, other, {}), [0, -1, 0])
+        assert env.unwrapped.compute_terminated(one, other, {}).shape == (3,)
+        assert env.unwrapped.compute_truncated(one, other, {}).shape == (3,)
+
+
+@pytest.mark.parametrize("compute", ["compute_reward", "compute_terminated", "compute_truncated"])
+@one_and_two_arms
+def test_goals_of_another_size_are_refused(env, compute):
+    goals = np.zeros((4, 3))
+    for achieved, desired in ((np.zeros((4, 19)),) * 2, (goals, np.zeros(1)), (0.0, goals)):
+        with pytest.raises(ValueError, match=r"takes goals of shape \(..., 3\), got \((4, 19|1,)?\)"):
+            getattr(env.unwrapped, compute)(achieved, desired, {})
+
+
+@one_and_two_arms
+def test_goal_functions_are_those_of_what_gymnasium_makes(env):
+    goals = np.zeros((4, 3)), np.ones((4, 3))
+    for compute in ("compute_reward", "compute_terminated", "compute_truncated"):
+        np.testing.assert_array_equal(getattr(env, compute)(*goals, {}), getattr(env.unwrapped, compute)(*goals, {}))
+
+
 @pytest.mark.parametrize("task", ["BiPegBoard", "PickAndPlace"])
 def test_who_writes_into_a_goal_changes_this_episode_only(make, task):
     """These tasks have the same goal in every episode."""
