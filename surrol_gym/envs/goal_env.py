@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import gymnasium as gym
 import numpy as np
@@ -101,7 +101,6 @@ class GoalEnv(gym.Env):
     """Name of each number of a goal; a number of ``observation`` of that name repeats the desired goal."""
     action_names: ClassVar[tuple[str, ...]]
     _places: ClassVar[dict[str, dict[str, int | slice]]]
-    _made_with: tuple[tuple, dict[str, Any]]
     goal_tolerance = 0.025
     """Distance from the desired goal that is success, su."""
     solver_iterations = 50
@@ -136,11 +135,6 @@ class GoalEnv(gym.Env):
     def _describe_actions(cls) -> str:
         space = f"`Box(-1, 1, ({len(cls.action_names)},), float32)`. One step is 0.2 s.\n\n"
         return space + described(cls.action_quantities, "Index", "`action`", "Action", "Effect of 1")
-
-    def __new__(cls, *args: Any, **kwargs: Any) -> Self:
-        env = super().__new__(cls)
-        env._made_with = args, kwargs  # of which copies are made; a task may have arguments of its own
-        return env
 
     def __init__(
         self,
@@ -394,9 +388,14 @@ class GoalEnv(gym.Env):
         return self._get_observation()
 
     def __reduce__(self) -> tuple:
-        """Lets ``copy`` and ``pickle`` make the environment again, with a simulation of its own, and restore its state."""
+        """Lets ``copy`` and ``pickle`` make the environment again, which has a simulation of its own, in its state."""
         self._check_open()
-        return _made_again, (type(self), *self._made_with, self.spec, self.get_state() if self._world_state else None)
+        if self.spec is None:
+            raise TypeError(
+                f"Only an environment of gymnasium.make can be copied or pickled; make another {self.task} environment "
+                "and give it the state: other.set_state(env.get_state())."
+            )
+        return _made_again, (type(self), self.spec, self.get_state() if self._world_state else None)
 
     # Details.
 
@@ -472,11 +471,9 @@ class GoalEnv(gym.Env):
         return np.zeros(shape, dtype=bool) if shape else False
 
 
-def _made_again(
-    env_class: type[GoalEnv], args: tuple, kwargs: dict[str, Any], spec: EnvSpec | None, state: State | None
-) -> GoalEnv:
+def _made_again(env_class: type[GoalEnv], spec: EnvSpec, state: State | None) -> GoalEnv:
     """Makes the copy of an environment."""
-    env = env_class(*args, **kwargs)
+    env = env_class(**spec.kwargs)
     env.spec = spec
     if state:
         env.set_state(state)

@@ -487,6 +487,13 @@ def test_set_state_returns_the_observation_of_that_moment(env):
     env.reset(seed=0)
     observation = [env.step(action)[0] for action in random_actions(env, 8)][-1]
     state = env.unwrapped.get_state()
+def test_without_a_spec_there_is_no_copy_but_a_way_out(make):
+    env = type(make(ONE_ARM).unwrapped)()
+    with pytest.raises(TypeError, match=r"other.set_state\(env.get_state\(\)\)"):
+        copy.deepcopy(env)
+    env.close()
+
+
     env.reset(seed=1)
     assert snapshot(env.unwrapped.set_state(state)) == snapshot(observation)
 
