@@ -3,6 +3,7 @@
 Names of recorded features, tables of docstrings and cards, and the experts' reading of observations come from it.
 """
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
@@ -54,6 +55,12 @@ def euler(name: str, meaning: str) -> Quantity:
 def names(quantities: Iterable[Quantity]) -> tuple[str, ...]:
     """Returns the name of each number."""
     return tuple(name for quantity in quantities for name in quantity.names)
+
+
+def repeated_names(quantities: Iterable[Quantity]) -> list[str]:
+    """Returns the names that several quantities have, of numbers or as a whole."""
+    counts = Counter(name for quantity in quantities for name in {*quantity.names, quantity.key})
+    return sorted(name for name, count in counts.items() if count > 1)
 
 
 def table(titles: Sequence[str], rows: Iterable[Sequence]) -> str:

@@ -5,6 +5,7 @@ passes every command through three threads that poll a shared lock and never sle
 on Linux): beside other work a step took a second, and once stood still for good.
 """
 
+import gc
 import os
 import warnings
 from collections.abc import Callable
@@ -44,8 +45,12 @@ class Window:
         RuntimeError: The display cannot be opened, or shows a window of this process.
     """
 
+    _is_open = False
+
     def __init__(self, title: str, camera: Camera, draw: Callable[[Camera, int, int], np.ndarray]):
-        if pygame.display.get_init() and pygame.display.get_surface():
+        if _is_shown():
+            gc.collect()  # closes the window of an environment that nobody holds any more
+        if _is_shown():
             raise RuntimeError("A process has one window; close the environment that shows it first.")
         try:
             pygame.display.init()
@@ -59,6 +64,9 @@ class Window:
         self._down: set[str] = set()
         self._pressed: set[str] = set()
         self._is_open = True
+
+    def __del__(self) -> None:
+        self.close()
 
     def show(self) -> None:
         """Draws the scene as it is now.
@@ -132,6 +140,11 @@ class Window:
         picture = self._picture if side == SIZE else pygame.transform.smoothscale(self._picture, (side, side))
         screen.blit(picture, ((width - side) // 2, (height - side) // 2))
         pygame.display.flip()
+
+
+def _is_shown() -> bool:
+    """Whether this process has a window."""
+    return bool(pygame.display.get_init() and pygame.display.get_surface())
 
 
 def _name(key: int) -> str:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import gymnasium as gym
 import numpy as np
 
-from surrol_gym.quantities import Quantity
+from surrol_gym.quantities import Quantity, names
 
 if TYPE_CHECKING:
     from surrol_gym.envs.goal_env import GoalEnv
@@ -42,12 +42,13 @@ def complete_sensors(arguments: Mapping[str, Any] | None, perfect: Mapping[str, 
         raise ValueError(f"Sensors have no {', '.join(unknown)}; choose from {', '.join(perfect)}.")
     sensors = dict(perfect) | dict(arguments or {})
     for name, value in sensors.items():
-        if name.endswith("_std") and not 0 <= value < np.inf:
-            raise ValueError(f"{name} must be a finite number from 0 on, got {value}.")
-    if not 0 <= sensors["dropout"] <= 1:
-        raise ValueError(f"dropout is a probability, in [0, 1]; got {sensors['dropout']}.")
-    if not isinstance(sensors["delay"], int | np.integer) or sensors["delay"] < 0:
-        raise ValueError(f"delay must be a whole number of steps from 0 on, got {sensors['delay']!r}.")
+        if name.endswith("_std") and not (isinstance(value, float | int | np.number) and 0 <= value < np.inf):
+            raise ValueError(f"{name} must be a finite number from 0 on, got {value!r}.")
+    dropout, delay = sensors["dropout"], sensors["delay"]
+    if not (isinstance(dropout, float | int | np.number) and 0 <= dropout <= 1):
+        raise ValueError(f"dropout is a probability, in [0, 1]; got {dropout!r}.")
+    if not isinstance(delay, int | np.integer) or isinstance(delay, bool) or delay < 0:
+        raise ValueError(f"delay must be a whole number of steps from 0 on, got {delay!r}.")
     return sensors
 
 
@@ -60,7 +61,8 @@ class ImperfectSensors(gym.Wrapper, gym.utils.RecordConstructorArgs):
     stand, and classes are exact. Angles may leave [-pi, pi], so noise makes none jump by a whole turn.
 
     A reading is a whole observation, pictures with it. One that is missed is replaced by the one before it; the first
-    of an episode is never missed. With a delay, the first is shown until later ones arrive.
+    of an episode is never missed. With a delay, the first is shown until later ones arrive. Readings on their way are
+    none of an environment's state: after ``set_state`` those from before it are still shown.
 
     Rewards, ``is_success`` and the episode itself are what they are without the wrapper. ``info`` also holds
     ``true_observation``, without noise, loss and delay, from which the expert acts:
@@ -77,7 +79,7 @@ class ImperfectSensors(gym.Wrapper, gym.utils.RecordConstructorArgs):
         delay: Steps by which what is shown lags.
 
     Raises:
-        TypeError: The environment does not say what its numbers are.
+        TypeError: The environment does not say what its numbers are, or a wrapper around it changed them.
         ValueError: An argument is out of range.
     """
 
@@ -98,6 +100,12 @@ class ImperfectSensors(gym.Wrapper, gym.utils.RecordConstructorArgs):
         if not getattr(task, "observation_quantities", ()):
             raise TypeError(f"{env} does not say what its numbers are; sensors take environments of surrol_gym.")
         self._arrays = {"observation": task.observation_quantities, "achieved_goal": task.goal_quantities}
+        shown = getattr(env.observation_space, "spaces", {})
+        for array, described in self._arrays.items():
+            if array not in shown or shown[array].shape != (len(names(described)),):
+                raise TypeError(
+                    f"{env} does not show {array} as its task does; put the sensors beneath what changes observations."
+                )
         quantities = {quantity.key: quantity for quantity in (*task.goal_quantities, *task.observation_quantities)}
         self._derived = {key: quantity.derived_from for key, quantity in quantities.items() if quantity.derived_from}
         goals, of_unit = set(task.goal_names), {"su": position_std, "rad": angle_std}
@@ -173,8 +181,11 @@ class NoisyActions(gym.ActionWrapper, gym.utils.RecordConstructorArgs):
 
     def action(self, action: Any) -> np.ndarray:
         """Adds the noise of this step."""
-        noise = self._std * self._rng.standard_normal(np.shape(action))
-        return np.clip(action + noise, -1, 1).astype(np.float32)
+        told = np.asarray(action, dtype=np.float64)
+        if not np.isfinite(told).all():
+            return told  # which the environment refuses
+        noise = self._std * self._rng.standard_normal(told.shape)
+        return np.clip(told + noise, -1, 1).astype(np.float32)
 
 
 def imperfect(env: gym.Env, sensors: Mapping[str, Any] | None) -> gym.Env:

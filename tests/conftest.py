@@ -16,6 +16,9 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 
 def pytest_addoption(parser):
+    parser.addoption(
+        "--task", action="append", default=[], help="a task that keeps the contract, too: my_module:MyTask"
+    )
     parser.addoption("--episodes", type=int, help="how many episodes a study plays, instead of its own number")
 
 

@@ -1,5 +1,8 @@
 """What is checked here and on a hosted machine is what the README tells."""
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -40,3 +43,25 @@ def test_hosted_machines_build_both_distributions_and_the_documentation(jobs):
         "uvx twine check --strict dist/*",
     ]
     assert "uv run --extra docs mkdocs build --strict" in commands(jobs["docs"])
+
+
+def test_the_contract_is_tested_for_a_task_of_ones_own(tmp_path):
+    (tmp_path / "own_task.py").write_text(
+        "import surrol_gym\n"
+        "from new_task import PushBlockEnv, law\n"
+        "class PushAwayEnv(PushBlockEnv):\n"
+        "    __doc__ = PushBlockEnv.__doc__\n"
+        "surrol_gym.register_task(PushAwayEnv, 50, law)\n"
+    )
+    command = "-m pytest -q -n0 tests/surrol_gym/envs/test_goal_env.py --task own_task:PushAway -k"
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT), str(tmp_path)])}
+    done = subprocess.run(
+        [sys.executable, *command.split(), "PushAway and number"],
+        cwd=ROOT,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=600,
+    )
+    assert done.returncode == 0, done.stdout
+    assert "3 passed" in done.stdout

@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import gymnasium as gym
 import numpy as np
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.error import ClosedEnvironmentError, ResetNeeded
 
 from surrol_gym.bullet import Vector, World
 from surrol_gym.display import check_display
-from surrol_gym.quantities import Quantity, described, names, places
+from surrol_gym.quantities import Quantity, described, names, places, repeated_names
 from surrol_gym.stage import KINDS, Camera, Stage
 
 if TYPE_CHECKING:
@@ -88,7 +89,8 @@ class GoalEnv(gym.Env):
     """Name of the task."""
     task_description: ClassVar[str]
     """The task as a sentence; datasets store it and language-conditioned policies read it."""
-    cameras: ClassVar[dict[str, Camera]]
+    cameras: ClassVar[dict[str, Camera]] = {}
+    """By name; one of them, ``"closeup"``, is the default."""
     observation_quantities: ClassVar[tuple[Quantity, ...]] = ()
     """What the numbers of ``observation`` are, in their order."""
     goal_quantities: ClassVar[tuple[Quantity, ...]] = ()
@@ -111,6 +113,9 @@ class GoalEnv(gym.Env):
         desired = [replace(quantity, name=f"goal_{quantity.name}") for quantity in cls.goal_quantities]
         cls.observation_names, cls.goal_names = names(cls.observation_quantities), names(desired)
         cls.action_names = names(cls.action_quantities)
+        for quantities in (cls.observation_quantities, cls.goal_quantities):
+            if repeated := repeated_names(quantities):
+                raise ValueError(f"{cls.task} has two quantities called {', '.join(repeated)}; give one another name.")
         cls._places = {
             "achieved_goal": places(cls.goal_quantities),
             "desired_goal": places(desired),
@@ -119,6 +124,12 @@ class GoalEnv(gym.Env):
         if cls.__doc__:  # Python may have been told to leave docstrings out
             doc = inspect.cleandoc(cls.__doc__).replace("{observation}", cls._describe_observation())
             cls.__doc__ = doc.replace("{actions}", cls._describe_actions())
+
+    @classmethod
+    def _sizes(cls) -> dict[str, int]:
+        """How many numbers each array of an observation holds."""
+        goal = len(cls.goal_names)
+        return {"observation": len(cls.observation_names), "achieved_goal": goal, "desired_goal": goal}
 
     @classmethod
     def _describe_observation(cls) -> str:
@@ -156,12 +167,8 @@ class GoalEnv(gym.Env):
         self.action_space = gym.spaces.Box(-1.0, 1.0, (len(self.action_names),), np.float32)
         self.observation_space = gym.spaces.Dict(
             {
-                key: gym.spaces.Box(-_WORLD_EXTENT, _WORLD_EXTENT, (len(names),), np.float32)
-                for key, names in (
-                    ("observation", self.observation_names),
-                    ("achieved_goal", self.goal_names),
-                    ("desired_goal", self.goal_names),
-                )
+                array: gym.spaces.Box(-_WORLD_EXTENT, _WORLD_EXTENT, (size,), np.float32)
+                for array, size in self._sizes().items()
             }
         )
         if obs_type == "pixels_state":
@@ -192,7 +199,14 @@ class GoalEnv(gym.Env):
         Of NeedlePick, ``seen.psm1_jaw`` is a number, ``seen.middle`` a point of shape (3,) and ``seen.middle_rpy`` its
         Euler angles; ``seen.goal_middle`` is the desired goal. An achieved goal that is not observed has its own name,
         as NeedleReach's ``seen.tip``.
+
+        Raises:
+            ValueError: An array has another size: the observation is one of another task.
         """
+        for array, size in cls._sizes().items():
+            shape = np.shape(observation[array])
+            if shape[:1] != (size,):  # further axes are who reads many at once
+                raise ValueError(f"{cls.task} has {size} numbers in {array}, not {shape}; is it of another task?")
         found = cls._places.items()
         return Reading(**{name: observation[array][at] for array, places in found for name, at in places.items()})
 
@@ -259,6 +273,7 @@ class GoalEnv(gym.Env):
         self._forget_contacts()
         self.elapsed_steps = 0
         observation = self._get_observation()
+        self._check_sizes(observation)
         return observation, self._get_info(observation, contact_force, workspace_clipped=False)
 
     def step(self, action: np.ndarray) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
@@ -342,20 +357,21 @@ class GoalEnv(gym.Env):
             if self._window:
                 self._window.close()
 
-    # The multi-goal API: everything vectorised over leading axes.
+    # The multi-goal API: everything vectorised over leading axes. Goals of another size raise ValueError.
 
     def compute_reward(self, achieved_goal: np.ndarray, desired_goal: np.ndarray, info: Any) -> np.ndarray | float:
         """Returns 0 where the goal is achieved and -1 elsewhere, for goals of shape (..., G)."""
+        self._check_goals(achieved_goal, desired_goal)
         reward = np.asarray(self.is_success(achieved_goal, desired_goal), dtype=np.float32) - 1.0
         return reward if reward.ndim else float(reward)
 
     def compute_terminated(self, achieved_goal: np.ndarray, desired_goal: np.ndarray, info: Any) -> np.ndarray | bool:
         """Returns False for every goal: episodes end at the time limit only."""
-        return self._never(achieved_goal)
+        return self._never(achieved_goal, desired_goal)
 
     def compute_truncated(self, achieved_goal: np.ndarray, desired_goal: np.ndarray, info: Any) -> np.ndarray | bool:
         """Returns False for every goal: the time limit truncates."""
-        return self._never(achieved_goal)
+        return self._never(achieved_goal, desired_goal)
 
     # Saving and restoring.
 
@@ -373,9 +389,12 @@ class GoalEnv(gym.Env):
             The observation of that moment.
 
         Raises:
+            TypeError: It is none.
             ValueError: The state is one of another task.
         """
         self._check_open()
+        if not isinstance(state, State):
+            raise TypeError(f"set_state takes what get_state returned, got {state!r}.")
         if state.task_name != self.task:
             raise ValueError(f"This is a {self.task} environment; it cannot go to a state of {state.task_name}.")
         self._set_task_state(state.task)  # first, because a body that is held does not fall asleep
@@ -384,6 +403,16 @@ class GoalEnv(gym.Env):
         self.np_random.bit_generator.state = state.rng
         self.elapsed_steps = state.elapsed_steps
         return self._get_observation()
+
+    def __reduce__(self) -> tuple:
+        """Lets ``copy`` and ``pickle`` make the environment again, which has a simulation of its own, in its state."""
+        self._check_open()
+        if self.spec is None:
+            raise TypeError(
+                f"Only an environment of gymnasium.make can be copied or pickled; make another {self.task} environment "
+                "and give it the state: other.set_state(env.get_state())."
+            )
+        return _made_again, (type(self), self.spec, self.get_state() if self._world_state else None)
 
     # Details.
 
@@ -431,12 +460,20 @@ class GoalEnv(gym.Env):
         return np.minimum(np.maximum(action, -1.0), 1.0)  # faster than np.clip
 
     def _check_picture(self, camera: str, width: int, height: int) -> tuple[Camera, int, int]:
-        if camera not in self.cameras:
+        if not isinstance(camera, str) or camera not in self.cameras:
             raise ValueError(f"{self.task} has the cameras {sorted(self.cameras)}, got {camera!r}.")
         for name, size in (("width", width), ("height", height)):
-            if not isinstance(size, int | np.integer) or size < 1:
+            if not isinstance(size, int | np.integer) or isinstance(size, bool) or size < 1:
                 raise ValueError(f"A picture needs a whole, positive {name}, got {size!r}.")
         return self.cameras[camera], width, height
+
+    def _check_sizes(self, observation: Observation) -> None:
+        for array, size in self._sizes().items():
+            if observation[array].shape != (size,):
+                raise ValueError(
+                    f"{self.task} says what {size} numbers of {array} are, and returns an array of shape "
+                    f"{observation[array].shape}; its quantities and its methods have to agree."
+                )
 
     def _check_open(self) -> None:
         if self._closed:
@@ -446,7 +483,23 @@ class GoalEnv(gym.Env):
         if not self._world_state:
             raise ResetNeeded(f"Call reset() before the first step of this {self.task} environment.")
 
-    @staticmethod
-    def _never(achieved_goal: np.ndarray) -> np.ndarray | bool:
-        shape = np.shape(achieved_goal)[:-1]
+    def _check_goals(self, *goals: np.ndarray) -> tuple[int, ...]:
+        """Returns the leading axes that the goals have together."""
+        size = len(self.goal_names)
+        for goal in goals:
+            if np.shape(goal)[-1:] != (size,):
+                raise ValueError(f"{self.task} takes goals of shape (..., {size}), got {np.shape(goal)}.")
+        return np.broadcast_shapes(*map(np.shape, goals))[:-1]
+
+    def _never(self, *goals: np.ndarray) -> np.ndarray | bool:
+        shape = self._check_goals(*goals)
         return np.zeros(shape, dtype=bool) if shape else False
+
+
+def _made_again(env_class: type[GoalEnv], spec: EnvSpec, state: State | None) -> GoalEnv:
+    """Makes the copy of an environment."""
+    env = env_class(**spec.kwargs)
+    env.spec = spec
+    if state:
+        env.set_state(state)
+    return env

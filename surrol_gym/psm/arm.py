@@ -23,6 +23,9 @@ DOWN = np.array([-np.pi / 2, 0.0, np.pi / 2])
 
 # Jaw motors of PyBullet's defaults: 0.9 of the error is left after a sub-step (docs/psm.md#motors).
 _JAW_GAINS, _JAW_FORCES = {"positionGains": (0.1, 0.1), "velocityGains": (1.0, 1.0)}, (2.0, 2.0)
+_SMALLER_TURNS = (0.5, 0.25, 0.125, 0.0)
+"""Shares of a turn that are tried where a joint's limit forbids the whole one."""
+
 _HOLDING_FORCE = 500.0
 """Of the constraint on link 5, kg su / s^2: free motion needs less, and an arm pressed onto something yields to it."""
 
@@ -87,6 +90,8 @@ class Arm:
 
     def move_to(self, position: Vector, euler: Vector) -> None:
         """Moves link 5 towards a pose; a joint that would pass its limit stops there.
+
+        The tool stops turning before this would move link 5 elsewhere.
 
         Args:
             position: Position of link 5, shape (3,), su, world frame.
@@ -156,10 +161,26 @@ class Arm:
 
     def _nearest_in_reach(self, position: Vector, orientation: Vector) -> tuple[Vector, Vector]:
         """Moves the joints as near to a pose as their limits allow; returns the pose that results."""
+        orientation = self._turned_within_reach(position, orientation)
         self._joints = self._solve(position, orientation, near=self._joints, on_limit="clip")
         position, rotation = kinematics.forward(self._joints)
         position, orientation = pybullet.multiplyTransforms(*self._rcm, position, matrix_to_quaternion(rotation))
         return to_su(position), orientation
+
+    def _turned_within_reach(self, position: Vector, orientation: Vector) -> Vector:
+        """Turns from the measured orientation towards another as far as the joints can bring link 5 to the position.
+
+        That does not depend on the last joint. Any other one that stopped alone would move the bent wrist.
+        """
+        measured = self._client.getBasePositionAndOrientation(self.body)[1]
+        low, high = kinematics.JOINT_LIMITS[:-1].T
+        wanted = orientation
+        for share in _SMALLER_TURNS:
+            joints = self._solve(position, orientation, near=self._joints, on_limit="ignore")[:-1]
+            if ((low <= joints) & (joints <= high)).all():
+                break
+            orientation = pybullet.getQuaternionSlerp(measured, wanted, share)
+        return orientation
 
     def _hold_at(self, position: Vector, orientation: Vector) -> None:
         self._client.changeConstraint(

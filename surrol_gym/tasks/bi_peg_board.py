@@ -61,7 +61,7 @@ class BiPegBoardEnv(PSMEnv):
 
     ## Arguments
 
-    * `render_mode`, `camera` ("closeup", "both_arms" or "overview"), `width`, `height`: see
+    * `render_mode`, `obs_type`, `camera` ("closeup", "both_arms" or "overview"), `width`, `height`: see
       `surrol_gym.envs.goal_env.GoalEnv`.
 
     ## Version History

@@ -48,7 +48,8 @@ class NeedlePickEnv(PSMEnv):
 
     * `randomize` (default True): False pins the needle (centre (2.75, 0), 18 degrees) and the goal (2.75, 0, 3.576) as
       in SurRoL's released demonstrations.
-    * `render_mode`, `camera` ("closeup" or "overview"), `width`, `height`: see `surrol_gym.envs.goal_env.GoalEnv`.
+    * `render_mode`, `obs_type`, `camera` ("closeup" or "overview"), `width`, `height`: see
+      `surrol_gym.envs.goal_env.GoalEnv`.
 
     ## Version History
 
@@ -68,6 +69,8 @@ class NeedlePickEnv(PSMEnv):
     mounts = (Mount(start_position=(2.5, 0.25, 3.601)),)
 
     def __init__(self, randomize: bool = True, **kwargs: Any):
+        if not isinstance(randomize, bool | np.bool_):
+            raise ValueError(f"randomize must be True or False, got {randomize!r}.")
         self._randomize = randomize
         super().__init__(**kwargs)
 

@@ -42,7 +42,8 @@ class NeedleReachEnv(PSMEnv):
 
     ## Arguments
 
-    `render_mode`, `camera` ("closeup" or "overview"), `width`, `height`: see `surrol_gym.envs.goal_env.GoalEnv`.
+    * `render_mode`, `obs_type`, `camera` ("closeup" or "overview"), `width`, `height`: see
+      `surrol_gym.envs.goal_env.GoalEnv`.
 
     ## Version History
 

@@ -60,8 +60,8 @@ class NeedleRegraspEnv(PSMEnv):
 
     ## Arguments
 
-    `render_mode`, `camera` ("closeup", "both_arms" or "overview"), `width`, `height`: see
-    `surrol_gym.envs.goal_env.GoalEnv`.
+    * `render_mode`, `obs_type`, `camera` ("closeup", "both_arms" or "overview"), `width`, `height`: see
+      `surrol_gym.envs.goal_env.GoalEnv`.
 
     ## Version History
 

@@ -137,7 +137,8 @@ class PickAndPlaceEnv(PSMEnv):
 
     def is_success(self, achieved_goal: np.ndarray, desired_goal: np.ndarray) -> np.ndarray:
         """Tests the tops of both jacks against the middles of their pots; shapes as in ``GoalEnv.is_success``."""
-        offset = np.reshape(np.subtract(achieved_goal, desired_goal), (*np.shape(achieved_goal)[:-1], 2, 3))
+        offset = np.subtract(achieved_goal, desired_goal)
+        offset = offset.reshape(*offset.shape[:-1], 2, 3)
         return (np.linalg.norm(offset, axis=-1) < self.goal_tolerance).all(axis=-1)
 
     def _get_task_state(self) -> dict[str, Any]:

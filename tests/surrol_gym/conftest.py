@@ -9,7 +9,14 @@ import pytest
 import surrol_gym
 
 CONTRACT = (*surrol_gym.TASKS, "new_task:PushBlock")
-"""The tasks that keep the contract: the ten, and the one of ``examples/new_task.py``."""
+"""The tasks that keep the contract: the ten, and the one of ``examples/new_task.py``; ``--task`` adds more."""
+
+
+def pytest_generate_tests(metafunc):
+    marked = any("env" in mark.args[0] for mark in metafunc.definition.iter_markers("parametrize"))
+    if "env" in metafunc.fixturenames and not marked and not hasattr(metafunc.module, "env"):
+        tasks = (*CONTRACT, *metafunc.config.getoption("task"))
+        metafunc.parametrize("env", tasks, indirect=True, scope="session")
 
 
 @dataclass
@@ -98,7 +105,7 @@ def make():
         env.close()
 
 
-@pytest.fixture(scope="session", params=CONTRACT)
+@pytest.fixture(scope="session")
 def env(request):
     """An environment of each task; tests share it, so each starts with a seeded reset."""
     env = gym.make(surrol_gym.find_task(request.param))

@@ -97,6 +97,12 @@ def test_an_expert_may_be_made_of_the_wrapped_or_of_the_bare_environment(env):
     np.testing.assert_array_equal(wrapped.act(observation), bare.act(observation))
 
 
+@pytest.mark.parametrize("env", ["PegTransfer"], indirect=True)
+def test_an_observation_of_another_task_is_refused(env, demonstrations):
+    with pytest.raises(ValueError, match=r"PegTransfer has 19 numbers in observation, not \(7,\)"):
+        surrol_gym.make_expert(env).act(demonstrations("NeedleReach")[0].observations[0])
+
+
 def test_a_foreign_environment_has_no_expert():
     env = gym.make("CartPole-v1")
     with pytest.raises(TypeError, match="CartPole"):

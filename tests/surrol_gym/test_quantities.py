@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from surrol_gym.envs.psm_env import Mount, PSMEnv, robot_state
-from surrol_gym.quantities import Quantity, described, euler, names, point
+from surrol_gym.quantities import Quantity, described, euler, names, point, repeated_names
 
 
 class TouchEnv(PSMEnv):
@@ -80,3 +80,19 @@ def test_a_table_has_a_row_for_each_quantity():
 def test_two_arms_are_told_apart():
     assert names(robot_state(arms=2))[7:9] == ("psm2_x", "psm2_y")
     assert robot_state(arms=2)[3].meaning == "position of link 5 of PSM2"
+
+
+@pytest.mark.parametrize(
+    ("quantities", "named"),
+    [
+        ((point("thing", "a thing"), point("thing", "another")), "thing, thing_x, thing_y, thing_z"),
+        ((point("thing", "a thing"), Quantity("thing", "its class")), "thing"),
+    ],
+)
+def test_two_quantities_of_one_name_are_an_error_that_tells_it(quantities, named):
+    with pytest.raises(ValueError, match=f"Double has two quantities called {named};"):
+        type("DoubleEnv", (PSMEnv,), {"observation_quantities": quantities})
+
+
+def test_a_point_and_its_angles_may_have_one_name():
+    assert not repeated_names((point("thing", "a thing"), euler("thing", "its angles")))

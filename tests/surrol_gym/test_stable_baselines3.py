@@ -4,6 +4,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from stable_baselines3 import SAC, HerReplayBuffer
+from stable_baselines3.common.env_checker import check_env
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.vec_env import VecNormalize
 
@@ -31,6 +32,12 @@ def test_hindsight_relabels_goals_with_our_rewards():
     rewards = env.unwrapped.compute_reward(achieved, desired, {})
     np.testing.assert_array_equal(batch.rewards.numpy()[:, 0], rewards)
     assert set(rewards) == {-1.0, 0.0}, "some samples reached the goal that hindsight gave them"
+
+
+def test_its_checker_has_no_complaint():
+    env = gym.make("surrol/NeedleReach-v0")
+    check_env(env)
+    env.close()
 
 
 @pytest.mark.study

@@ -1,5 +1,6 @@
 """The window of render mode "human", drawn on SDL's dummy display; tests/surrol_gym/test_play.py uses a real one."""
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
@@ -127,6 +128,15 @@ def test_after_one_window_there_may_be_another(window, scene):
     window.close()
     window.close()
     Window("another", CAMERA, scene).close()
+
+
+def test_a_window_that_nobody_holds_any_more_makes_room(scene, make):
+    """Of two environments of a vector the second is refused, and then the first cannot be closed."""
+    with pytest.raises(RuntimeError, match="one window"):
+        gym.make_vec("surrol/NeedleReach-v0", 2, render_mode="human")
+    make("NeedleReach", render_mode="human")
+    with pytest.raises(RuntimeError, match="one window"):
+        make("NeedleReach", render_mode="human")
 
 
 def test_an_environment_is_shown_with_every_reset_and_step(scene, make):

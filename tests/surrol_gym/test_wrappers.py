@@ -6,6 +6,7 @@ import sys
 import gymnasium as gym
 import numpy as np
 import pytest
+from gymnasium.wrappers import FilterObservation, FlattenObservation
 
 import surrol_gym
 from surrol_gym.wrappers import PERFECT, ImperfectSensors, NoisyActions, complete_sensors, imperfect
@@ -247,6 +248,9 @@ def test_a_vector_environment_shows_and_tells_what_its_parts_do(sense):
         ({"dropout": -0.5}, "dropout .* got -0.5"),
         ({"delay": -1}, "delay .* got -1"),
         ({"delay": 0.5}, "delay .* got 0.5"),
+        ({"delay": True}, "delay .* got True"),
+        ({"position_std": "a"}, "position_std .* got 'a'"),
+        ({"dropout": None}, "dropout .* got None"),
     ],
 )
 def test_an_argument_out_of_range_is_named(sense, sensors, told):
@@ -257,6 +261,18 @@ def test_an_argument_out_of_range_is_named(sense, sensors, told):
 def test_an_environment_of_another_kind_is_refused():
     with pytest.raises(TypeError, match="CartPole.* does not say what its numbers are"):
         ImperfectSensors(gym.make("CartPole-v1"))
+
+
+@pytest.mark.parametrize(
+    ("changed", "missing"),
+    [
+        (FlattenObservation, "observation"),
+        (lambda env: FilterObservation(env, ["observation", "desired_goal"]), "achieved_goal"),
+    ],
+)
+def test_an_environment_whose_observations_were_changed_is_refused(make, changed, missing):
+    with pytest.raises(TypeError, match=f"does not show {missing} .*beneath"):
+        ImperfectSensors(changed(make("NeedlePick")), position_std=0.01)
 
 
 # Noisy actions.
@@ -339,9 +355,19 @@ def test_noise_does_not_hide_an_action_of_another_shape(make):
         env.step(np.zeros(1))
 
 
-@pytest.mark.parametrize("std", [-0.1, float("nan"), float("inf")])
+@pytest.mark.parametrize(
+    ("action", "told"), [([0, np.inf, 0, 0, 0], "not finite: .*inf"), (None, "takes actions"), ("up", "convert")]
+)
+def test_noise_does_not_hide_what_is_no_action(make, action, told):
+    env = NoisyActions(make("NeedleReach"), action_std=0.1)
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match=told):
+        env.step(action)
+
+
+@pytest.mark.parametrize("std", [-0.1, float("nan"), float("inf"), "a"])
 def test_noise_of_actions_out_of_range_is_named(make, std):
-    with pytest.raises(ValueError, match=f"action_std .* got {std}"):
+    with pytest.raises(ValueError, match=f"action_std .* got {std!r}"):
         NoisyActions(make("NeedleReach"), std)
 
 

@@ -1,6 +1,9 @@
+import copy
+import inspect
 import os
 import pickle
 import random
+import re
 import subprocess
 import sys
 
@@ -12,6 +15,7 @@ from gymnasium.error import ClosedEnvironmentError, NameNotFound, VersionNotFoun
 from gymnasium.utils.env_checker import check_env
 
 import surrol_gym
+from surrol_gym.envs.goal_env import GoalEnv
 
 # Sizes of observation, goal and action (Table I of the paper) and steps of an episode (docs/environments.md).
 SIZES = {
@@ -26,6 +30,7 @@ SIZES = {
     "PickAndPlace": (31, 6, 5, 100),
     "MatchBoard": (20, 3, 5, 100),
 } | {"PushBlock": (10, 3, 5, 50)}
+of_known_size = pytest.mark.parametrize("env", [*surrol_gym.TASKS, "new_task:PushBlock"], indirect=True)
 ONE_ARM, TWO_ARMS = "PegTransfer", "NeedleRegrasp"
 """What the base class does is tested on these two tasks; whatever differs by task, on all."""
 one_and_two_arms = pytest.mark.parametrize("env", [ONE_ARM, TWO_ARMS], indirect=True)
@@ -100,8 +105,9 @@ def test_gymnasiums_checker_has_no_complaint(make, monkeypatch, task, arguments)
     assert check_env(make(task, width=32, height=24, **arguments).unwrapped) is None
 
 
+@of_known_size
 def test_sizes_are_those_of_the_papers_table(env):
-    observation_size, goal_size, action_size, _ = SIZES[env.unwrapped.task]
+    observation_size, goal_size, action_size, limit = SIZES[env.unwrapped.task]
     assert {key: space.shape for key, space in env.observation_space.items()} == {
         "observation": (observation_size,),
         "achieved_goal": (goal_size,),
@@ -114,12 +120,13 @@ def test_sizes_are_those_of_the_papers_table(env):
 
 
 def test_every_number_of_observation_goal_and_action_has_its_own_name(env):
-    observation_size, goal_size, action_size, _ = SIZES[env.unwrapped.task]
+    sizes = [env.observation_space[array].shape[0] for array in ("observation", "desired_goal")]
     named = env.unwrapped.observation_names, env.unwrapped.goal_names, env.unwrapped.action_names
-    assert [len(names) for names in named] == [observation_size, goal_size, action_size]
+    assert [len(names) for names in named] == [*sizes, *env.action_space.shape]
     assert all(len(set(names)) == len(names) for names in named)
 
 
+@of_known_size
 def test_numbers_of_an_observation_with_the_name_of_a_goals_number_repeat_the_desired_goal(env):
     observation, _ = env.reset(seed=0)
     names, goal_names = env.unwrapped.observation_names, env.unwrapped.goal_names
@@ -140,8 +147,7 @@ def test_observations_stay_in_their_space_whatever_the_action(env):
 
 
 def test_only_the_time_limit_ends_an_episode(env, demonstration):
-    limit = SIZES[env.unwrapped.task][3]
-    assert env.spec.max_episode_steps == limit
+    limit = env.spec.max_episode_steps
     assert any(info["is_success"] for *_, info in demonstration[:-1])
     ends = [(terminated, truncated) for _, _, terminated, truncated, _ in demonstration]
     assert ends == [(False, False)] * (limit - 1) + [(False, True)]
@@ -193,13 +199,21 @@ def test_a_reset_without_seed_draws_another_start(env):
 
 
 @pytest.mark.parametrize("env", surrol_gym.TASKS, indirect=True)
-def test_docstrings_have_the_sections_of_gymnasium_robotics_and_explain_every_number(env):
+def test_docstrings_have_the_sections_of_gymnasium_robotics_and_explain_every_argument(env):
     documentation = type(env.unwrapped).__doc__
     sections = [line.strip().removeprefix("## ") for line in documentation.splitlines() if "## " in line]
     assert sections == [
         *("Description", "Action Space", "Observation Space", "Rewards", "Starting State", "Episode End"),
         *("Arguments", "Version History"),
     ]
+    for camera in env.unwrapped.cameras:
+        assert f'"{camera}"' in documentation
+    arguments = documentation.split("## Arguments\n")[1].split("\n## ")[0]
+    assert all(f"`{name}`" in arguments for name in inspect.signature(GoalEnv).parameters)
+
+
+def test_docstrings_explain_every_number(env):
+    documentation = type(env.unwrapped).__doc__
     for section, names in (
         ("Action Space", env.unwrapped.action_names),
         ("Observation Space", env.unwrapped.observation_names),
@@ -208,8 +222,6 @@ def test_docstrings_have_the_sections_of_gymnasium_robotics_and_explain_every_nu
         rows = [line.split(" | ") for line in told.splitlines() if line.startswith("| ")][2:]
         assert ", ".join(row[0].strip("| ") for row in rows) == ", ".join(map(str, range(len(names))))
         assert ", ".join(row[1] for row in rows) == ", ".join(f"`{name}`" for name in names)
-    for camera in env.unwrapped.cameras:
-        assert f'"{camera}"' in documentation
 
 
 def test_tasks_describe_themselves_in_a_sentence(env):
@@ -250,7 +262,7 @@ def test_the_reward_of_a_step_is_that_of_its_goals(env, demonstration):
 
 def test_goal_functions_are_vectorised_over_leading_axes(env):
     compute = env.unwrapped
-    size = SIZES[compute.task][1]
+    size = len(compute.goal_names)
     for shape in ((1,), (4,), (2, 3), (2, 1, 2), (0,)):
         rng = np.random.default_rng(0)
         desired = rng.uniform(2, 4, (*shape, size))
@@ -263,6 +275,31 @@ def test_goal_functions_are_vectorised_over_leading_axes(env):
         assert not np.any(truncated)
         for index in np.ndindex(shape):
             assert reward[index] == compute.compute_reward(achieved[index], desired[index], {})
+
+
+def test_a_goal_and_many_are_as_many(env):
+    goal = np.ones(len(env.unwrapped.goal_names))
+    many = np.stack([goal, goal + 1, goal])
+    for one, other in ((goal, many), (many, goal)):
+        np.testing.assert_array_equal(env.unwrapped.compute_reward(one, other, {}), [0, -1, 0])
+        assert env.unwrapped.compute_terminated(one, other, {}).shape == (3,)
+        assert env.unwrapped.compute_truncated(one, other, {}).shape == (3,)
+
+
+@pytest.mark.parametrize("compute", ["compute_reward", "compute_terminated", "compute_truncated"])
+@one_and_two_arms
+def test_goals_of_another_size_are_refused(env, compute):
+    goals = np.zeros((4, 3))
+    for achieved, desired in ((np.zeros((4, 19)),) * 2, (goals, np.zeros(1)), (0.0, goals)):
+        with pytest.raises(ValueError, match=r"takes goals of shape \(..., 3\), got \((4, 19|1,)?\)"):
+            getattr(env.unwrapped, compute)(achieved, desired, {})
+
+
+@one_and_two_arms
+def test_goal_functions_are_those_of_what_gymnasium_makes(env):
+    goals = np.zeros((4, 3)), np.ones((4, 3))
+    for compute in ("compute_reward", "compute_terminated", "compute_truncated"):
+        np.testing.assert_array_equal(getattr(env, compute)(*goals, {}), getattr(env.unwrapped, compute)(*goals, {}))
 
 
 @pytest.mark.parametrize("task", ["BiPegBoard", "PickAndPlace"])
@@ -281,7 +318,7 @@ def test_who_writes_into_a_goal_changes_this_episode_only(make, task):
 
 
 def test_goal_functions_of_a_single_goal_are_plain_numbers(env):
-    goal = np.ones(SIZES[env.unwrapped.task][1])
+    goal = np.ones(len(env.unwrapped.goal_names))
     assert env.unwrapped.compute_reward(goal, goal, {}) == 0.0
     assert env.unwrapped.compute_reward(goal + 1, goal, {}) == -1.0
     assert env.unwrapped.compute_terminated(goal, goal, {}) is False
@@ -434,6 +471,35 @@ def test_a_state_can_be_restored_in_an_environment_that_was_never_reset(make, en
     assert play(fresh, actions[:15]) == shots[1:16]
 
 
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))], ids=["copy", "pickle"])
+@one_and_two_arms
+def test_a_copy_goes_on_by_itself(env, recorded, copied):
+    shots, actions = recorded
+    env.reset(seed=6)
+    play(env, actions[:30])
+    other = copied(env)
+    assert play(other, actions[30:36]) == shots[31:37]
+    other.close()
+    assert play(env, actions[30:36]) == shots[31:37]
+
+
+def test_a_copy_has_the_arguments_and_the_time_limit_of_the_original(make):
+    env = make("NeedlePick", randomize=False, render_mode="rgb_array", width=32, height=24, max_episode_steps=3)
+    other = copy.deepcopy(env)
+    for one in (env, other):
+        one.reset(seed=1)
+    np.testing.assert_array_equal(other.render(), env.render())
+    assert [other.step(np.zeros(5))[3] for _ in range(3)] == [False, False, True]
+    other.close()
+
+
+def test_without_a_spec_there_is_no_copy_but_a_way_out(make):
+    env = type(make(ONE_ARM).unwrapped)()
+    with pytest.raises(TypeError, match=r"other.set_state\(env.get_state\(\)\)"):
+        copy.deepcopy(env)
+    env.close()
+
+
 @one_and_two_arms
 def test_set_state_returns_the_observation_of_that_moment(env):
     env.reset(seed=0)
@@ -556,6 +622,23 @@ def test_a_closed_environment_says_so(make, method):
         getattr(env.unwrapped, method)(*arguments)
 
 
+@one_arm
+def test_what_is_no_state_is_refused(env):
+    with pytest.raises(TypeError, match="set_state takes what get_state returned, got None"):
+        env.unwrapped.set_state(None)
+
+
+@pytest.mark.parametrize(
+    ("method", "told"),
+    [("_observe", "7 numbers of observation"), ("_achieved_goal", "3 numbers of achieved_goal")],
+)
+def test_a_task_that_returns_other_numbers_than_it_says_is_refused(make, monkeypatch, method, told):
+    env = make("NeedleReach")
+    monkeypatch.setattr(env.unwrapped, method, lambda: np.zeros(2))
+    with pytest.raises(ValueError, match=rf"NeedleReach says what {told} .* shape \(2,\)"):
+        env.reset(seed=0)
+
+
 def test_closing_twice_is_harmless_and_others_live_on(make):
     env, other = make(ONE_ARM), make(ONE_ARM)
     other.reset(seed=0)
@@ -580,6 +663,7 @@ def test_an_unknown_version_is_an_error_that_names_it():
     [
         ("camera", "ceiling"),
         ("camera", None),
+        ("camera", ["closeup"]),
         ("render_mode", "ascii"),
         ("obs_type", "pixels"),
         ("width", 0),
@@ -587,11 +671,12 @@ def test_an_unknown_version_is_an_error_that_names_it():
         ("width", 2.5),
         ("height", "tall"),
         ("width", None),
+        ("width", True),
     ],
 )
 def test_an_unknown_picture_argument_is_an_error_that_names_the_value(make, argument, value):
     arguments = {"render_mode": "rgb_array", argument: value}
-    with pytest.raises(ValueError, match=str(value)):
+    with pytest.raises(ValueError, match=re.escape(str(value))):
         make(ONE_ARM, **arguments)
 
 

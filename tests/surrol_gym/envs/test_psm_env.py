@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from surrol_gym.envs.psm_env import PITCH, YAW, Mount, PSMEnv, psm2
+from surrol_gym.psm.kinematics import JOINT_LIMITS, JOINT_NAMES
 
 YAW_TASKS = ("NeedlePick", "PegTransfer", "BiPegTransfer", "MatchBoardPanel", "PickAndPlace", "MatchBoard")
 # Task, arm, start position, lowest and highest position of link 5, turn of a full action (docs/psm.md#start-poses,
@@ -110,6 +111,38 @@ def test_a_turn_of_one_is_the_angle_of_the_task(case):
         if not at_an_end:
             assert turned == pytest.approx(0.9936 * turn * size, abs=2e-3)
         np.testing.assert_allclose(after[0], before[0], rtol=0, atol=1e-4)
+
+
+@pytest.mark.parametrize("turn", [-1.0, 1.0, 0.3])
+@pytest.mark.parametrize("case", ["NeedlePick-psm1", "BiPegTransfer-psm2", "BiPegBoard-psm2"], indirect=True)
+def test_a_tool_at_the_end_of_its_roll_stops_turning_and_link_5_holds_its_place(case, turn):
+    env, arm, _, low, high, step = case
+    to_the_air(env, arm, low, high)
+    start = link5(env, arm)
+    for _ in range(60):
+        env.step(motion(env, arm, turn=turn))
+    np.testing.assert_allclose(link5(env, arm), start, rtol=0, atol=2e-4)
+    roll = JOINT_NAMES.index("roll")
+    left = JOINT_LIMITS[roll, 1] - np.abs(env.arms[arm].joints()[roll])
+    assert 0 <= left < 0.2 * step * np.abs(turn) + 0.01
+    before = env.arms[arm].pose()
+    env.step(motion(env, arm, turn=-0.5 * turn))
+    turned = (env.arms[arm].pose()[1] - before[1])[YAW]
+    assert turned == pytest.approx(-0.9936 * 0.5 * turn * step, abs=2e-3)
+    np.testing.assert_allclose(link5(env, arm), start, rtol=0, atol=3e-4)
+
+
+@pytest.mark.parametrize("case", ["BiPegBoard-psm1"], indirect=True)
+def test_a_tool_at_the_end_of_its_wrist_pitch_stops_turning_and_link_5_holds_its_place(case):
+    env, arm, *_ = case
+    env.reset(seed=0)
+    for _ in range(6):
+        env.step(motion(env, arm, x=-1, y=1))
+    start = link5(env, arm)
+    for _ in range(30):
+        env.step(motion(env, arm, turn=-1))
+    assert env.arms[arm].joints()[JOINT_NAMES.index("wrist_pitch")] > 1.35
+    np.testing.assert_allclose(link5(env, arm), start, rtol=0, atol=2e-4)
 
 
 @pytest.mark.parametrize(("gripper", "angle"), [(-1, 0), (-0.01, 0), (0, 40), (1, 40)])

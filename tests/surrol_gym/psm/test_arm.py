@@ -82,6 +82,19 @@ def test_a_motion_out_of_reach_stops_at_the_limit(world, ready):
     assert ready.joints()[2] == pytest.approx(kinematics.JOINT_LIMITS[2, 1], abs=2e-4)
 
 
+def test_at_the_end_of_its_roll_the_tool_moves_and_turns_no_further(world, ready):
+    position, _ = ready.pose()
+    for _ in range(30):
+        ready.move_to(position, ready.pose()[1] + (0, 0, 0.4))
+        world.step(SUB_STEPS)
+    before, euler = ready.pose()
+    ready.move_to(before + (-0.02, 0.03, 0.04), euler + (0, 0, 0.4))
+    world.step(SUB_STEPS)
+    after, turned = ready.pose()
+    np.testing.assert_allclose(after - before, np.multiply(CONVERGENCE, (-0.02, 0.03, 0.04)), rtol=0, atol=3e-4)
+    np.testing.assert_allclose(turned, euler, rtol=0, atol=0.06)
+
+
 @pytest.mark.parametrize("size", [1.0, 0.5, 0.1, -0.5, -1.0])
 @pytest.mark.parametrize("axis", range(3))
 def test_a_control_step_moves_link_5_by_a_fixed_share_of_the_command(world, ready, axis, size):

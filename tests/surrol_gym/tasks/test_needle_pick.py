@@ -24,6 +24,12 @@ def pinned():
     env.close()
 
 
+@pytest.mark.parametrize("value", ["no", 0, None])
+def test_only_true_and_false_randomize(value):
+    with pytest.raises(ValueError, match=f"randomize .* got {value!r}"):
+        NeedlePickEnv(randomize=value)
+
+
 @pytest.fixture(scope="module")
 def resets(env):
     """Observations of 300 resets."""
