@@ -322,6 +322,11 @@ def test_one_file_keeps_the_episodes_of_one_training(tmp_path):
         cli.main(["evaluate", "a", "b", "--episodes", str(tmp_path / "episodes.parquet")])
 
 
+def test_a_number_of_episodes_to_evaluate_is_no_file():
+    with pytest.raises(SystemExit, match="--episodes 4 is no FILE.parquet .* --starts says how many"):
+        cli.main(["evaluate", "generalist", "--episodes", "4"])
+
+
 def test_imperfect_sensors_are_recorded_through_in_a_single_task(monkeypatch, tmp_path):
     given = []
     monkeypatch.setattr("lerobot_gcdt.recording.record", lambda *arguments, learner, sensors: given.append(sensors))
