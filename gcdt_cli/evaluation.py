@@ -37,7 +37,8 @@ def run(options: argparse.Namespace) -> None:
     check_tasks(options.tasks or [])
     if options.episodes and options.episodes.suffix != ".parquet":
         raise ValueError(
-            f"--episodes {options.episodes} is no FILE.parquet to keep the episodes in; --starts says how many there are."
+            f"--episodes {options.episodes} is no FILE.parquet to keep the episodes in; --starts says how many there "
+            "are."
         )
     if options.episodes and len(options.trainings) > 1:
         raise ValueError(f"--episodes keeps those of a single training, got {', '.join(options.trainings)}.")
