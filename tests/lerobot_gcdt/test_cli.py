@@ -327,6 +327,23 @@ def test_a_number_of_episodes_to_evaluate_is_no_file():
         cli.main(["evaluate", "generalist", "--episodes", "4"])
 
 
+@pytest.mark.parametrize("named", ["outputs/none", "a/b/c", "../none"])
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["evaluate", "{named}", "--episodes", "{folder}/x.parquet"],
+        ["record", "--task", "NeedleReach", "--policy", "{named}", "--root", "{folder}/x"],
+        ["export-dvrk", "--task", "NeedleReach", "--policy", "{named}", "--out", "{folder}/x"],
+    ],
+    ids=["evaluate", "record", "export-dvrk"],
+)
+def test_a_policy_that_is_nowhere_is_told_as_a_missing_folder_first(arguments, named, tmp_path, monkeypatch):
+    monkeypatch.setattr("huggingface_hub.constants.HF_HUB_OFFLINE", True)
+    with pytest.raises(SystemExit, match=rf"{named} is no folder here, nor could it be loaded from the Hub: [^\n]+$"):
+        cli.main([argument.format(named=named, folder=tmp_path) for argument in arguments])
+    assert not list(tmp_path.iterdir())
+
+
 def test_imperfect_sensors_are_recorded_through_in_a_single_task(monkeypatch, tmp_path):
     given = []
     monkeypatch.setattr("lerobot_gcdt.recording.record", lambda *arguments, learner, sensors: given.append(sensors))
