@@ -3,6 +3,8 @@
 import argparse
 from typing import Any
 
+from gcdt_cli.options import check_root
+
 EXAMPLE = "example: gcdt merge datasets/needle_pick datasets/peg_transfer --root datasets/surrol_cross_task"
 
 
@@ -16,6 +18,8 @@ def add(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> None:
+    check_root(options.root)
+
     from lerobot_gcdt.recording import merge
 
     merge(options.datasets, options.root)

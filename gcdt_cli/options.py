@@ -97,6 +97,12 @@ def check_folder(folder: Path, remedy: str) -> None:
         raise FileNotFoundError(f"There is no folder {folder}; {remedy}.")
 
 
+def check_root(root: str) -> None:
+    """Raises ValueError for a folder without a name, beside which nothing unfinished can be kept."""
+    if not Path(root).name:
+        raise ValueError(f"--root {root!r} names no folder; write one such as --root datasets/needle_pick.")
+
+
 def checkpoint_of(named: str) -> Path:
     """Finds where a policy is loaded from.
 

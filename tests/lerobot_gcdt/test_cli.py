@@ -243,10 +243,12 @@ def test_an_expert_that_fails_ends_with_one_line(tmp_path, monkeypatch):
         (["--fields", "dvrk"], "openh"),
         (["--cameras", "overview,endoscope"], "closeup, overview"),
         (["--cameras", "overview", "--camera_size", "7"], "7"),
+        (["--camera_size", "64"], "--camera_size 64 needs cameras"),
+        (["--root", ""], "--root '' names no folder"),
     ],
     ids=[
         *("no episodes", "negative seed", "task in lower case", "disturbed too much"),
-        *("unknown fields", "unknown camera", "odd size of films"),
+        *("unknown fields", "unknown camera", "odd size of films", "size of no films", "no folder"),
     ],
 )
 def test_a_bad_argument_ends_with_one_line(changed, named, tmp_path):
@@ -317,9 +319,26 @@ def test_the_built_in_policy_is_evaluated_by_its_name(tmp_path, capsys):
     assert file.exists()
 
 
+def test_the_built_in_policy_needs_a_file_for_its_episodes():
+    with pytest.raises(SystemExit, match="generalist has no folder .* --episodes FILE.parquet"):
+        cli.main(["evaluate", "generalist"])
+
+
 def test_one_file_keeps_the_episodes_of_one_training(tmp_path):
     with pytest.raises(SystemExit, match="a single training, got a, b"):
         cli.main(["evaluate", "a", "b", "--episodes", str(tmp_path / "episodes.parquet")])
+
+
+@pytest.mark.parametrize(("option", "number"), [("--starts", -2), ("--starts", 0), ("--first_seed", -1)])
+def test_starts_that_cannot_be_are_named(option, number):
+    with pytest.raises(SystemExit, match=rf"--starts from 1 on .*{number}"):
+        cli.main(["evaluate", "generalist", "--episodes", "x.parquet", option, str(number)])
+
+
+@pytest.mark.parametrize("arguments", [["merge", "a", "b"], ["import", "a.npz", "--task", "NeedlePick"]])
+def test_a_dataset_needs_a_folder_with_a_name(arguments):
+    with pytest.raises(SystemExit, match=r"--root '\.' names no folder; write one such as"):
+        cli.main([*arguments, "--root", "."])
 
 
 def test_a_number_of_episodes_to_evaluate_is_no_file():
