@@ -1,6 +1,7 @@
 """``gcdt merge``."""
 
 import argparse
+import json
 from typing import Any
 
 from gcdt_cli.options import check_root
@@ -22,4 +23,5 @@ def run(options: argparse.Namespace) -> None:
 
     from lerobot_gcdt.recording import merge
 
-    merge(options.datasets, options.root)
+    facts = json.loads((merge(options.datasets, options.root) / "meta/info.json").read_text())
+    print(f"{options.root}: {facts['total_episodes']} episodes of {facts['total_tasks']} tasks")

@@ -87,6 +87,13 @@ def test_record_makes_a_dataset(tmp_path, capsys):
     assert "success rate" in capsys.readouterr().out
 
 
+def test_a_merge_ends_with_what_it_holds(needle_pick_root, needle_reach_root, tmp_path, capsys):
+    root = tmp_path / "both"
+    cli.main(["merge", str(needle_pick_root), str(needle_reach_root), "--root", str(root)])
+    episodes = LeRobotDataset("local/both", root=root, video_backend="pyav").num_episodes
+    assert capsys.readouterr().out.splitlines()[-1] == f"{root}: {episodes} episodes of 2 tasks"
+
+
 def test_an_unknown_task_ends_with_one_line_and_no_traceback(tmp_path):
     command = [GCDT, "record", "--task", "NeedleThread", "--root", tmp_path / "x"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120)
