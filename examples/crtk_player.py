@@ -17,7 +17,7 @@ LOST, LONGEST_PERIOD = 0.25, 0.1  # seconds: without a measurement, which ends t
 
 def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("file", help="trajectory.npz")
+    parser.add_argument("file", type=argparse.FileType("rb"), help="trajectory.npz")
     parser.add_argument("--speed", type=float, default=0.2, help="share of the trajectory's speed (default 0.2)")
     parser.add_argument("--dry_run", action="store_true", help="print what would be sent; needs no ROS")
     options = parser.parse_args(arguments)

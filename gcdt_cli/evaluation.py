@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from gcdt_cli.options import add_sensors, check_folder, check_tasks, checkpoint_of, names, sensor_settings
+from gcdt_cli.options import BUILT_IN, add_sensors, check_folder, check_tasks, checkpoint_of, names, sensor_settings
 
 EXAMPLE = "example: gcdt evaluate outputs/needle_pick --first_seed 100000 --starts 100"
 
@@ -35,12 +35,26 @@ def add(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> None:
     check_tasks(options.tasks or [])
+    if options.starts < 1 or options.first_seed < 0:
+        raise ValueError(
+            f"An evaluation needs --starts from 1 on and a --first_seed from 0 on; got {options.starts} and "
+            f"{options.first_seed}."
+        )
+    if options.episodes and options.episodes.suffix != ".parquet":
+        raise ValueError(
+            f"--episodes {options.episodes} is no FILE.parquet to keep the episodes in; --starts says how many there "
+            "are."
+        )
     if options.episodes and len(options.trainings) > 1:
         raise ValueError(f"--episodes keeps those of a single training, got {', '.join(options.trainings)}.")
     sensors = sensor_settings(options)
     if sensors and not options.episodes:
         raise ValueError(f"Episodes with imperfections ({', '.join(sensors)}) need a file of their own: --episodes.")
     for training in [] if options.episodes else options.trainings:
+        if training == BUILT_IN and not Path(training).exists():
+            raise ValueError(
+                f"{training} has no folder that could keep its episodes; name a file: --episodes FILE.parquet."
+            )
         check_folder(Path(training), f"`gcdt train --dataset DATASET --output {training}` trains a policy")
 
     from lerobot_gcdt.evaluation import describe, evaluate_checkpoint, load_policy

@@ -3,7 +3,7 @@
 import argparse
 from typing import Any
 
-from gcdt_cli.options import check_tasks
+from gcdt_cli.options import check_root, check_tasks
 
 EXAMPLE = "example: gcdt import data_NeedlePickRL-v0_random_200.npz --task NeedlePick --root datasets/imported"
 
@@ -26,6 +26,7 @@ def add(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> None:
     check_tasks([options.task])
+    check_root(options.root)
 
     from lerobot_gcdt.recording import import_demonstrations
 

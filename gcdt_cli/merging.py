@@ -1,7 +1,10 @@
 """``gcdt merge``."""
 
 import argparse
+import json
 from typing import Any
+
+from gcdt_cli.options import check_root
 
 EXAMPLE = "example: gcdt merge datasets/needle_pick datasets/peg_transfer --root datasets/surrol_cross_task"
 
@@ -16,6 +19,9 @@ def add(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> None:
+    check_root(options.root)
+
     from lerobot_gcdt.recording import merge
 
-    merge(options.datasets, options.root)
+    facts = json.loads((merge(options.datasets, options.root) / "meta/info.json").read_text())
+    print(f"{options.root}: {facts['total_episodes']} episodes of {facts['total_tasks']} tasks")

@@ -97,9 +97,37 @@ def check_folder(folder: Path, remedy: str) -> None:
         raise FileNotFoundError(f"There is no folder {folder}; {remedy}.")
 
 
+def check_root(root: str) -> None:
+    """Raises ValueError for a folder without a name, beside which nothing unfinished can be kept."""
+    if not Path(root).name:
+        raise ValueError(f"--root {root!r} names no folder; write one such as --root datasets/needle_pick.")
+
+
 def checkpoint_of(named: str) -> Path:
-    """Returns where a policy is loaded from: the built-in one, a training, a folder, or a repository on the Hub."""
+    """Finds where a policy is loaded from.
+
+    Args:
+        named: The built-in one, a training, a folder, or a repository on the Hub.
+
+    Returns:
+        The folder, or the name of the repository.
+
+    Raises:
+        FileNotFoundError: It is none of these.
+    """
+    from huggingface_hub import hf_hub_download
+    from huggingface_hub.constants import CONFIG_NAME
+
     from lerobot_gcdt import GENERALIST
     from lerobot_gcdt.training import checkpoint
 
-    return GENERALIST if named == BUILT_IN else checkpoint(named)
+    found = GENERALIST if named == BUILT_IN else checkpoint(named)
+    if not found.is_dir():
+        try:
+            hf_hub_download(named, CONFIG_NAME)
+        except (OSError, ValueError) as error:
+            told = " ".join(str(error).split())
+            raise FileNotFoundError(
+                f"{named} is no folder here, nor could it be loaded from the Hub: {told}"
+            ) from error
+    return found

@@ -10,6 +10,7 @@ from gcdt_cli.options import (
     add_executor,
     add_sensors,
     check_folder,
+    check_root,
     check_tasks,
     checkpoint_of,
     executor_settings,
@@ -70,7 +71,7 @@ def add(commands: Any) -> None:
         help="further numbers, separated by commas; there is: openh (others as my_module:my_field)",
     )
     record.add_argument("--cameras", type=names, default=[], help="cameras that film, such as overview,closeup")
-    record.add_argument("--camera_size", type=int, default=128, help="width and height of the films (default 128)")
+    record.add_argument("--camera_size", type=int, help="with --cameras: width and height of the films (default 128)")
     record.add_argument(
         "--workers",
         type=int,
@@ -101,7 +102,10 @@ def run(options: argparse.Namespace) -> None:
     executor = executor_settings(options, os.cpu_count() or 1)
     if executor and not options.all:
         raise ValueError(f"--executor {options.executor} runs the recordings of several tasks, with --all.")
+    if options.camera_size is not None and not options.cameras:
+        raise ValueError(f"--camera_size {options.camera_size} needs cameras that film: --cameras.")
     if not options.all:
+        check_root(options.root)
         for name, unasked in (("workers", None), ("manifest", None), ("write_manifest", False)):
             if getattr(options, name) is not unasked:
                 raise ValueError(f"--{name} goes with --all, not with a single task.")
@@ -115,7 +119,8 @@ def run(options: argparse.Namespace) -> None:
     from lerobot_gcdt.recording.features import Extras
     from lerobot_gcdt.recording.manifest import MANIFEST
 
-    extras = Extras(options.fields, options.cameras, options.camera_size)
+    size = Extras.camera_size if options.camera_size is None else options.camera_size
+    extras = Extras(options.fields, options.cameras, size)
     if not options.all:
         who: dict[str, Any] = {"sensors": sensors or None}
         who["learner"] = _learner(options.policy, options.task, options.mix or 0.0) if options.policy else None

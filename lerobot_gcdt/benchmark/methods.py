@@ -56,7 +56,7 @@ def parse_method(text: str, points: int, steps: int | None = None, options: Iter
         text: A type of policy, such as ``bc``, or a name and what it stands for, such as
             ``long=gcdt --policy.context_length=100 --steps=8000``. Beside options of `lerobot-train` it may hold
             ``--steps``, ``--start`` and ``--dataset`` (``Method``).
-        points: Checkpoints that are evaluated, as far as there are steps.
+        points: Checkpoints that are evaluated; of a recipe with fewer steps, as many as these.
         steps: Steps where the text says none; None for those of ``lerobot_gcdt.training.stages.RECIPES``.
         options: Arguments of `lerobot-train` for all methods; those of the text win.
 
@@ -83,9 +83,9 @@ def parse_method(text: str, points: int, steps: int | None = None, options: Iter
     start = existing_checkpoint(said["start"]) if "start" in said else None
     if start and policy != (found := policy_type(start)):
         raise ValueError(f"The method {name} is a policy of type {policy}, and {said['start']} is one of type {found}.")
-    steps = int(said["steps"]) if "steps" in said else steps
-    steps = steps_to_train(policy, recipe(policy, "finetune" if start else "scratch", start), steps)
-    points = min(points, steps)
+    asked = int(said["steps"]) if "steps" in said else steps
+    steps = steps_to_train(policy, recipe(policy, "finetune" if start else "scratch", start), asked)
+    points = min(points, steps) if asked is None else points
     if points < 1 or steps % points:
         raise ValueError(f"The {steps} steps of the method {name} cannot be divided into {points} equal parts.")
     try:

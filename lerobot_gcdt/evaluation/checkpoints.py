@@ -102,7 +102,16 @@ def _weights(checkpoint: str | Path) -> str:
 
 
 def _read(file: Path) -> pd.DataFrame:
-    return pd.read_parquet(file) if file.exists() else pd.DataFrame(columns=["task", "seed"])
+    """The kept episodes; ValueError names a file of another kind."""
+    if not file.exists():
+        return pd.DataFrame(columns=["task", "seed"])
+    try:
+        kept = pd.read_parquet(file)
+    except ValueError as error:
+        raise ValueError(f"{file} is no Parquet file that keeps episodes; name another one.") from error
+    if not {"task", "seed"} <= {*kept}:
+        raise ValueError(f"{file} keeps {', '.join(map(str, kept))}, but no episodes; name another file.")
+    return kept
 
 
 def keep_episodes(file: Path, episodes: pd.DataFrame, key: Sequence[str] = ("task", "seed")) -> None:

@@ -4,6 +4,7 @@ A folder is checked before anything is sent. Data and card then go up in one com
 half of them, and repeating the command sends what is missing.
 """
 
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -35,6 +36,9 @@ from lerobot_gcdt.training import checkpoint
 WEIGHTS = "model.safetensors"
 SENT = (".json", ".md", ".mp4", ".parquet", ".png", ".safetensors")
 """Kinds of files that are published. Whatever else lies in a folder stays there."""
+
+TAG = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
+"""What a tag looks like; Git allows more, such as slashes, but all of this."""
 
 OWNED = ("data/", "meta/", "videos/")
 """Folders of a dataset. What was published there and is there no longer is removed: LeRobot reads all that it finds."""
@@ -80,6 +84,10 @@ def publish(
     if repo_id.count("/") != 1:
         raise ValueError(f"{repo_id!r} is no name of a repository; it looks like user/name.")
     validate_repo_id(repo_id)
+    if revision_tag and (
+        not TAG.fullmatch(revision_tag) or ".." in revision_tag or revision_tag.endswith((".", ".lock"))
+    ):
+        raise ValueError(f"{revision_tag!r} is no name of a tag: letters, digits and single ., - and _, such as v1.0.")
     parcel = pack(Path(folder), repo_id)
     if dry_run:
         print(_describe(parcel, repo_id, private, revision_tag))

@@ -18,8 +18,8 @@ from lerobot_gcdt.keys import (
     TIME_TO_GOAL,
     image_key,
 )
-from lerobot_gcdt.recording.fields import find_field
-from surrol_gym.envs.psm_env import unwrapped
+from lerobot_gcdt.recording.fields import check_fields, find_field, observe_field
+from surrol_gym.envs.psm_env import PSMEnv, unwrapped
 from surrol_gym.registry import env_class
 
 
@@ -38,11 +38,10 @@ class Extras:
     camera_size: int = 128
 
     def check(self, env_id: str) -> None:
-        """Raises ValueError if an environment cannot give what is asked for."""
-        for name in self.fields:
-            find_field(name)
+        """Raises ValueError if an environment cannot give what is asked for, or a field observes something else."""
         if len(set(self.fields)) < len(self.fields):
             raise ValueError(f"The fields must be different ones, got {', '.join(self.fields)}.")
+        check_fields(self.fields, env_class(env_id))
         known = sorted(env_class(env_id).cameras)
         if not set(self.cameras) <= set(known) or len(set(self.cameras)) < len(self.cameras):
             raise ValueError(
@@ -51,6 +50,13 @@ class Extras:
         # Video codecs halve the resolution of colours.
         if self.camera_size < 16 or self.camera_size % 2:
             raise ValueError(f"The size of pictures must be an even number from 16, got {self.camera_size}.")
+        if self.fields:
+            env = gym.make(env_id)
+            try:
+                env.reset(seed=0)
+                self._numbers(unwrapped(env))
+            finally:
+                env.close()
 
     def describe(self, env: gym.Env) -> dict[str, dict]:
         """Returns LeRobot's description of the further columns."""
@@ -67,10 +73,16 @@ class Extras:
         return described | {image_key(camera): picture for camera in self.cameras}
 
     def observe(self, env: gym.Env) -> dict[str, np.ndarray]:
-        """Returns the further columns of this moment; what is simulated is not changed."""
+        """Returns the further columns of this moment; what is simulated is not changed.
+
+        Raises:
+            ValueError: A field observes something else than it describes.
+        """
         task, size = unwrapped(env), self.camera_size
-        numbers = {key: row for name in self.fields for key, row in find_field(name).observe(task).items()}
-        return numbers | {image_key(camera): task.picture(camera, size, size) for camera in self.cameras}
+        return self._numbers(task) | {image_key(camera): task.picture(camera, size, size) for camera in self.cameras}
+
+    def _numbers(self, task: PSMEnv) -> dict[str, np.ndarray]:
+        return {key: row for name in self.fields for key, row in observe_field(name, task).items()}
 
 
 NO_EXTRAS = Extras()

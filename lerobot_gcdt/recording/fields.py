@@ -1,11 +1,23 @@
 """Fields: sets of further numbers that datasets hold on request. Anybody's module can register one."""
 
 import importlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from lerobot.utils.constants import DEFAULT_FEATURES, OBS_IMAGES
 
+from lerobot_gcdt.keys import (
+    ACHIEVED_GOAL,
+    ACTION,
+    DISTURBANCE,
+    ENVIRONMENT_STATE,
+    GOAL,
+    REWARD,
+    STATE,
+    SUCCESS,
+    TIME_TO_GOAL,
+)
 from lerobot_gcdt.recording import openh
 from surrol_gym.envs.psm_env import PSMEnv
 
@@ -28,6 +40,12 @@ class Field:
     describe: Describe
     observe: Observe
 
+
+COLUMNS = (STATE, ENVIRONMENT_STATE, GOAL, ACHIEVED_GOAL, TIME_TO_GOAL, ACTION, DISTURBANCE, REWARD, SUCCESS)
+"""What every dataset holds."""
+
+TAKEN = {*COLUMNS, *DEFAULT_FEATURES, "task", "observation", "achieved_goal", "desired_goal", "reward", "success"}
+"""Keys that no field may have: columns of ours and of LeRobot's, and what episodes hold until they are columns."""
 
 FIELDS: dict[str, Field] = {}
 """The registered fields, by name."""
@@ -70,6 +88,60 @@ def find_field(name: str) -> Field:
             "my_module:my_field."
         )
     return FIELDS[bare]
+
+
+def check_fields(names: Sequence[str], env_class: type[PSMEnv]) -> None:
+    """Checks which columns fields describe.
+
+    Args:
+        names: Names of the fields.
+        env_class: Class of the environment.
+
+    Raises:
+        ValueError: A field is unknown, or a column of it is no name, has no numbers or is there already.
+    """
+    owners: dict[str, str] = {}
+    for name in names:
+        for key, numbers in find_field(name).describe(env_class).items():
+            if key in TAKEN or key.startswith(OBS_IMAGES):
+                raise ValueError(f"The field {name!r} describes {key}, which datasets hold already; rename it.")
+            if key in owners:
+                raise ValueError(f"The fields {owners[key]!r} and {name!r} both describe {key}; rename one of them.")
+            if "/" in key or not numbers:
+                raise ValueError(f"The field {name!r} describes {key!r} without a number, or with a / in its name.")
+            owners[key] = name
+
+
+def observe_field(name: str, env: PSMEnv) -> dict[str, np.ndarray]:
+    """Observes a field.
+
+    Args:
+        name: Its name.
+        env: The environment, unwrapped.
+
+    Returns:
+        The columns of this moment.
+
+    Raises:
+        ValueError: They are not what the field describes.
+    """
+    field = find_field(name)
+    sizes = {key: len(numbers) for key, numbers in field.describe(type(env)).items()}
+    columns = field.observe(env)
+    if not isinstance(columns, dict) or columns.keys() != sizes.keys():
+        found = ", ".join(columns) if isinstance(columns, dict) else repr(columns)
+        raise ValueError(f"The field {name!r} describes {', '.join(sizes)}, but its observe returns {found}.")
+    for key, size in sizes.items():
+        row = columns[key]
+        if not isinstance(row, np.ndarray) or row.dtype != np.float32 or row.shape != (size,):
+            found = f"{row.dtype} of shape {row.shape}" if isinstance(row, np.ndarray) else repr(row)
+            raise ValueError(
+                f"The field {name!r} describes {size} numbers in {key}, so its observe must return a float32 array of "
+                f"shape ({size},), got {found}."
+            )
+        if not np.isfinite(row).all():
+            raise ValueError(f"The field {name!r} observes a number in {key} that is not finite: {row.tolist()}.")
+    return columns
 
 
 register_field("openh", openh.describe_cartesian_state, openh.observe_cartesian_state)

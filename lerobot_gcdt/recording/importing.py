@@ -37,6 +37,9 @@ NOTICEABLE = 0.1
 TOLERANCE = 0.1
 """Share by which the median of these motions may differ from what the task does; its own differ by up to 0.03."""
 
+AGREEMENT = 1e-3
+"""Scaled units or radians by which numbers that are the same may differ."""
+
 
 def import_demonstrations(files: Sequence[str | Path], task: str, root: str | Path) -> Path:
     """Writes the successful episodes of archives as a dataset like those of ``gcdt record``.
@@ -150,10 +153,8 @@ def _surrol_episodes(arrays: dict[str, np.ndarray], env: PSMEnv) -> Iterator[dic
 def _plain_episodes(arrays: dict[str, np.ndarray], env: PSMEnv) -> Iterator[dict]:
     names = ("actions", "observations", "achieved_goals", "desired_goals")
     if "achieved_goals" not in arrays:
-        achieved = [name.removeprefix("goal_") for name in env.goal_names]
-        if not set(achieved) <= set(env.observation_names):
+        if not (places := _achieved_places(env)):
             raise ValueError(f"it needs achieved_goals, since observations of {env.task} do not hold them")
-        places = [env.observation_names.index(name) for name in achieved]
         arrays = arrays | {"achieved_goals": arrays["observations"][..., places]}
     single = arrays["actions"].ndim == 2
     for episode in _by_episode({name: arrays[name][None] if single else arrays[name] for name in names}):
@@ -178,6 +179,18 @@ def _check_episode(episode: dict[str, np.ndarray], env: PSMEnv, where: str) -> N
             raise ValueError(f"{where}: {key} holds a number that is not finite.")
     if (largest := np.abs(episode["action"]).max()) > 1:
         raise ValueError(f"{where}: an action holds {largest:g}; they lie in [-1, 1].")
+    if (change := np.ptp(episode["desired_goal"], axis=0).max()) > AGREEMENT:
+        raise ValueError(f"{where}: desired_goal changes by {change:.3g}, but stays the same within an episode.")
+    places = _achieved_places(env)
+    if places and (apart := np.abs(episode["observation"][:, places] - episode["achieved_goal"]).max()) > AGREEMENT:
+        raise ValueError(f"{where}: achieved_goal differs by {apart:.3g} from the same numbers of observation.")
+
+
+def _achieved_places(env: PSMEnv) -> list[int]:
+    """Where observations hold the achieved goal; empty where they do not."""
+    achieved = [name.removeprefix("goal_") for name in env.goal_names]
+    names = list(env.observation_names)
+    return [names.index(name) for name in achieved] if set(achieved) <= set(names) else []
 
 
 def _check_motion(episodes: list[dict[str, np.ndarray]], env: PSMEnv, file: str | Path) -> None:
@@ -193,7 +206,15 @@ def _check_motion(episodes: list[dict[str, np.ndarray]], env: PSMEnv, file: str 
         if i % 5 == 3:
             motion = (motion + np.pi) % (2 * np.pi) - np.pi
         large = np.abs(action) > NOTICEABLE
-        measured = np.median(motion[large] / action[large]) if large.any() else full
+        if not large.any():
+            if (furthest := np.abs(motion).max()) > (1 + TOLERANCE) * NOTICEABLE * full:
+                raise ValueError(
+                    f"{file}: {moved} moves by up to {furthest:.3g} in a step, but {name} is at most "
+                    f"{np.abs(action).max():.3g}, and {name} = 1 moves it by {full:.3g} in {env.task}. Actions are in "
+                    "units of full ones, not in metres."
+                )
+            continue
+        measured = np.median(motion[large] / action[large])
         if abs(measured / full - 1) > TOLERANCE:
             raise ValueError(
                 f"{file}: {name} = 1 moves {moved} by {measured:.3g}, but by {full:.3g} in {env.task}. Convert "

@@ -39,7 +39,7 @@ class SurRoLPSM(Robot):
         config: The configuration.
 
     Raises:
-        OptionError: The recording is none, lacks the episode, or does not tell its seed.
+        OptionError: The recording is none, lacks the episode, does not tell its seed, or is of another task.
     """
 
     config_class = SurRoLPSMConfig
@@ -52,6 +52,8 @@ class SurRoLPSM(Robot):
         self._disturbance = np.zeros((0, 0), dtype=np.float32)
         if config.recording:
             self._task, self._seed, self._disturbance = _recorded(Path(config.recording), config.episode)
+            if config.task != SurRoLPSMConfig.task and env_class(config.task) is not env_class(self._task):
+                raise OptionError(f"{config.recording} is of {self._task}, not of {config.task}; leave out robot.task.")
         self._class = env_class(self._task)
         self._reader = ActionReader(self._class, config.away, config.delta_scale)
         self.cameras: dict[str, None] = dict.fromkeys(config.camera_names())

@@ -7,6 +7,7 @@ import shlex
 import subprocess
 import sys
 import tomllib
+from itertools import chain
 from pathlib import Path
 from pkgutil import resolve_name
 from textwrap import dedent
@@ -128,8 +129,9 @@ def test_every_example_that_is_shown_takes_its_options(command):
 
 
 def test_every_option_of_a_policy_that_is_shown_exists():
-    configurations = "".join(path.read_text() for path in (ROOT / "lerobot_gcdt").rglob("configuration_*.py"))
-    known = {*LEROBOTS, *re.findall(r"^    (\w+): ", configurations, re.MULTILINE)}
+    files = [ROOT / "lerobot_gcdt/averaging.py", *(ROOT / "lerobot_gcdt").rglob("configuration_*.py")]
+    options = [re.findall(r"^    (\w+): ", file.read_text(), re.MULTILINE) for file in files]
+    known = {*LEROBOTS, *chain(*options)}
     assert {option for page in SHOWN for option in re.findall(r"--policy\.(\w+)", page.read_text())} <= known
 
 

@@ -244,6 +244,12 @@ def test_a_fault_stops_both_arms(robot, file, run_example):
     check_stopped(robot, 102.0)
 
 
+def test_a_file_that_is_not_there_is_named(run_example, capsys):
+    with pytest.raises(SystemExit):
+        run_example("crtk_player", "none.npz")
+    assert "none.npz" in capsys.readouterr().err.splitlines()[-1]
+
+
 @pytest.mark.parametrize("speed", [0.4, 1.5, -1, 0], ids=["commands would time out", "too fast", "backwards", "none"])
 def test_a_bad_speed_is_an_error_that_names_it(robot, file, run_example, capsys, speed):
     with pytest.raises(SystemExit):

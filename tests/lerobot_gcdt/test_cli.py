@@ -87,6 +87,13 @@ def test_record_makes_a_dataset(tmp_path, capsys):
     assert "success rate" in capsys.readouterr().out
 
 
+def test_a_merge_ends_with_what_it_holds(needle_pick_root, needle_reach_root, tmp_path, capsys):
+    root = tmp_path / "both"
+    cli.main(["merge", str(needle_pick_root), str(needle_reach_root), "--root", str(root)])
+    episodes = LeRobotDataset("local/both", root=root, video_backend="pyav").num_episodes
+    assert capsys.readouterr().out.splitlines()[-1] == f"{root}: {episodes} episodes of 2 tasks"
+
+
 def test_an_unknown_task_ends_with_one_line_and_no_traceback(tmp_path):
     command = [GCDT, "record", "--task", "NeedleThread", "--root", tmp_path / "x"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120)
@@ -243,10 +250,12 @@ def test_an_expert_that_fails_ends_with_one_line(tmp_path, monkeypatch):
         (["--fields", "dvrk"], "openh"),
         (["--cameras", "overview,endoscope"], "closeup, overview"),
         (["--cameras", "overview", "--camera_size", "7"], "7"),
+        (["--camera_size", "64"], "--camera_size 64 needs cameras"),
+        (["--root", ""], "--root '' names no folder"),
     ],
     ids=[
         *("no episodes", "negative seed", "task in lower case", "disturbed too much"),
-        *("unknown fields", "unknown camera", "odd size of films"),
+        *("unknown fields", "unknown camera", "odd size of films", "size of no films", "no folder"),
     ],
 )
 def test_a_bad_argument_ends_with_one_line(changed, named, tmp_path):
@@ -317,9 +326,48 @@ def test_the_built_in_policy_is_evaluated_by_its_name(tmp_path, capsys):
     assert file.exists()
 
 
+def test_the_built_in_policy_needs_a_file_for_its_episodes():
+    with pytest.raises(SystemExit, match="generalist has no folder .* --episodes FILE.parquet"):
+        cli.main(["evaluate", "generalist"])
+
+
 def test_one_file_keeps_the_episodes_of_one_training(tmp_path):
     with pytest.raises(SystemExit, match="a single training, got a, b"):
         cli.main(["evaluate", "a", "b", "--episodes", str(tmp_path / "episodes.parquet")])
+
+
+@pytest.mark.parametrize(("option", "number"), [("--starts", -2), ("--starts", 0), ("--first_seed", -1)])
+def test_starts_that_cannot_be_are_named(option, number):
+    with pytest.raises(SystemExit, match=rf"--starts from 1 on .*{number}"):
+        cli.main(["evaluate", "generalist", "--episodes", "x.parquet", option, str(number)])
+
+
+@pytest.mark.parametrize("arguments", [["merge", "a", "b"], ["import", "a.npz", "--task", "NeedlePick"]])
+def test_a_dataset_needs_a_folder_with_a_name(arguments):
+    with pytest.raises(SystemExit, match=r"--root '\.' names no folder; write one such as"):
+        cli.main([*arguments, "--root", "."])
+
+
+def test_a_number_of_episodes_to_evaluate_is_no_file():
+    with pytest.raises(SystemExit, match="--episodes 4 is no FILE.parquet .* --starts says how many"):
+        cli.main(["evaluate", "generalist", "--episodes", "4"])
+
+
+@pytest.mark.parametrize("named", ["outputs/none", "a/b/c", "../none"])
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["evaluate", "{named}", "--episodes", "{folder}/x.parquet"],
+        ["record", "--task", "NeedleReach", "--policy", "{named}", "--root", "{folder}/x"],
+        ["export-dvrk", "--task", "NeedleReach", "--policy", "{named}", "--out", "{folder}/x"],
+    ],
+    ids=["evaluate", "record", "export-dvrk"],
+)
+def test_a_policy_that_is_nowhere_is_told_as_a_missing_folder_first(arguments, named, tmp_path, monkeypatch):
+    monkeypatch.setattr("huggingface_hub.constants.HF_HUB_OFFLINE", True)
+    with pytest.raises(SystemExit, match=rf"{named} is no folder here, nor could it be loaded from the Hub: [^\n]+$"):
+        cli.main([argument.format(named=named, folder=tmp_path) for argument in arguments])
+    assert not list(tmp_path.iterdir())
 
 
 def test_imperfect_sensors_are_recorded_through_in_a_single_task(monkeypatch, tmp_path):

@@ -319,6 +319,7 @@ def test_no_more_checkpoints_are_evaluated_than_there_are_steps(datasets, tmp_pa
         ({"starts": range(0)}, "seeds from 0 on"),
         ({"steps": 0}, "positive, got 0"),
         ({"steps": 10, "points": 4}, "10 steps of the method bc cannot be divided into 4 equal parts"),
+        ({"steps": 3, "points": 7}, "3 steps of the method bc cannot be divided into 7 equal parts"),
         ({"points": 0}, "divided into 0"),
         ({"demonstrations": [2, 5]}, "surrol_needle_reach holds 4 demonstrations, .* cannot learn from 5"),
         ({"demonstrations": [0]}, "cannot learn from 0"),

@@ -138,6 +138,17 @@ def test_a_file_keeps_the_episodes_of_one_policy(checkpoint, tmp_path):
     assert episodes.seed.tolist() == [7, 8] and episodes.policy.notna().tolist() == [False, True]
 
 
+def test_a_file_of_another_kind_is_named_and_kept(checkpoint, tmp_path):
+    text, table = tmp_path / "text.parquet", tmp_path / "table.parquet"
+    text.write_text("ten years of work")
+    pd.DataFrame({"year": [1]}).to_parquet(table)
+    for file, told in ((text, "no Parquet file"), (table, "keeps year, but no episodes")):
+        before = file.read_bytes()
+        with pytest.raises(ValueError, match=rf"{file} (is )?{told}"):
+            evaluate_checkpoint(checkpoint, ["NeedleReach"], range(1), file=file)
+        assert file.read_bytes() == before
+
+
 def test_a_task_that_is_named_twice_counts_once(checkpoint):
     episodes = evaluate_checkpoint(checkpoint, ["NeedleReach", "surrol/NeedleReach-v0"], [7])
     assert starts(episodes) == [("NeedleReach", 7)]

@@ -339,6 +339,11 @@ def test_a_name_that_is_no_repository_is_refused(silent, dataset, name):
     assert name in error_of(dataset, name)
 
 
+@pytest.mark.parametrize("tag", ["v 1 ~", "-v1", "v1..2", "v1.lock", "v1.", "v/1"])
+def test_a_tag_that_git_may_not_take_is_refused(silent, dataset, tag):
+    assert repr(tag) in error_of(dataset, "me/thing", "--dry_run", f"--revision_tag={tag}")
+
+
 @pytest.mark.parametrize("missing", DATASET_FILES)
 def test_a_dataset_without_a_file_names_it(silent, dataset, missing):
     (dataset / missing).unlink()

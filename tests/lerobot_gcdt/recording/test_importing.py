@@ -264,6 +264,29 @@ def test_positions_in_metres_are_refused(picks, tmp_path):
     assert "psm1_dx = 1 moves psm1_x by 0.00994, but by 0.05" in refused([file, "--task", "NeedlePick"], tmp_path / "x")
 
 
+@pytest.mark.parametrize("factor", [0.01, 0], ids=["metres", "zero"])
+def test_actions_too_small_for_the_motion_are_refused(picks, factor, tmp_path):
+    file = save(tmp_path / "small.npz", picks | {"acs": picks["acs"] * factor})
+    line = refused([file, "--task", "NeedlePick"], tmp_path / "root")
+    assert "psm1_x moves by up to 0.0" in line and "psm1_dx = 1 moves it by 0.05" in line
+
+
+def test_an_arm_that_hardly_moves_may_have_small_actions(picks, needle_pick, tmp_path):
+    still = {name: values[:1].copy() for name, values in picks.items()}
+    still["acs"] *= 0
+    still["obs"][0] = [still["obs"][0, 0]] * len(still["obs"][0])
+    [episode] = read_episodes(save(tmp_path / "still.npz", still), needle_pick)
+    assert not episode["action"].any()
+
+
+@pytest.mark.parametrize(("key", "told"), [("desired_goal", "changes by 0.5"), ("achieved_goal", "differs by 0.5")])
+def test_goals_that_contradict_the_episode_are_refused(picks, key, told, tmp_path):
+    wrong = picks["obs"].copy()
+    wrong[2, 7] = wrong[2, 7] | {key: wrong[2, 7][key] + 0.5}
+    line = refused([save(tmp_path / "wrong.npz", picks | {"obs": wrong}), "--task", "NeedlePick"], tmp_path / "root")
+    assert f"episode 2: {key} {told}" in line
+
+
 def test_turns_of_another_version_are_refused(tmp_path):
     pegs = demonstrate("PegTransfer", range(2))
     pegs["acs"][..., 3] /= 1.5  # as where a full action turns by 30 degrees instead of 20

@@ -195,6 +195,11 @@ def test_an_episode_that_is_not_there_is_named(disturbed_root):
         make_robot_from_config(SurRoLPSMConfig(recording=str(disturbed_root), episode=2))
 
 
+def test_a_recording_of_another_task_is_named(disturbed_root):
+    with pytest.raises(ValueError, match="not of PegTransfer; leave out robot.task"):
+        make_robot_from_config(SurRoLPSMConfig(task="PegTransfer", recording=str(disturbed_root)))
+
+
 def test_a_folder_without_a_recording_is_named(tmp_path):
     with pytest.raises(ValueError, match="no dataset of `gcdt record`"):
         make_robot_from_config(SurRoLPSMConfig(recording=str(tmp_path)))
