@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from lerobot.common.train_utils import get_step_checkpoint_dir, load_training_step, update_last_checkpoint
+from lerobot.configs.parser import PLUGIN_DISCOVERY_SUFFIX, parse_plugin_args
 from lerobot.configs.policies import PreTrainedConfig
 from lerobot.utils.constants import TRAINING_STATE_DIR, TRAINING_STEP
 from lerobot.utils.import_utils import register_third_party_plugins
@@ -197,7 +198,9 @@ def _arguments_to_reach(steps: int, output: Path, beginning: list[str], policy: 
         numbered = get_step_checkpoint_dir(output, settings["steps"], step)
         remedy = f"rm -r {last}" if numbered.exists() else f"mv {last} {numbered}"
         raise ValueError(f"{last} is a folder, where lerobot-train keeps a link; `{remedy}`, and repeat the command.")
-    return [f"--config_path={config}", "--resume=true", *common]
+    # The checkpoint's settings may be those of a plugin, which its configuration does not name.
+    plugins = [f"--{name}={package}" for name, package in parse_plugin_args(PLUGIN_DISCOVERY_SUFFIX, beginning).items()]
+    return [f"--config_path={config}", "--resume=true", *plugins, *common]
 
 
 def _step(saved: Path) -> int:

@@ -3,12 +3,14 @@
 import json
 import shutil
 import subprocess
+import sys
 from types import SimpleNamespace
 
 import pytest
 from safetensors.torch import load_file
 
 from lerobot_gcdt import training
+from lerobot_gcdt.policy.objectives import OBJECTIVES
 from lerobot_gcdt.training import checkpoint, loss_curve, stages, trainer
 from lerobot_gcdt.training.stages import RECIPES
 
@@ -130,6 +132,21 @@ def test_a_checkpoint_without_a_scheduler_is_whole(trained, uneven_root, asked, 
     config.write_text(json.dumps(json.loads(config.read_text()) | {"scheduler": None}))
     training.train(uneven_root, output, stage="pretrain", steps=4)
     assert checkpoint(output).resolve().parent.name == "000003"
+
+
+def test_a_training_that_goes_on_finds_its_plugin(uneven_root, train, tmp_path, monkeypatch):
+    (tmp_path / "my_objective").mkdir()
+    (tmp_path / "my_objective/__init__.py").write_text(
+        "from lerobot_gcdt.policy.objectives import register_objective, time_to_goal_loss\n"
+        "register_objective('mine', time_to_goal_loss, lambda dims, width: {})\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    options = [*TINY, "--policy.discover_packages_path=my_objective", '--policy.objectives={"mine": 0.1}']
+    for steps in (1, 2):
+        train(uneven_root, tmp_path / "new", stage="pretrain", steps=steps, device="cpu", options=options)
+        OBJECTIVES.pop("mine")
+        sys.modules.pop("my_objective")
+    assert checkpoint(tmp_path / "new").resolve().parent.name == "000002"
 
 
 def test_checkpoints_that_no_training_can_go_on_with_are_not_removed(needle_pick_root, tmp_path, asked):
