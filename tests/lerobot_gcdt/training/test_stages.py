@@ -59,9 +59,9 @@ def test_a_policy_from_scratch_gets_the_arguments_of_the_quickstart(needle_pick_
     training.train(needle_pick_root, tmp_path / "new", steps=1000, device="cpu")
     assert asked == [
         [
-            *("--policy.type=gcdt", "--policy.push_to_hub=false", "--policy.device=cpu"),
-            *("--dataset.repo_id=local/needle_pick", "--batch_size=2", "--save_freq=500", "--log_freq=12"),
-            *("--num_workers=0", f"--dataset.root={needle_pick_root}", "--steps=1000", f"--output_dir={tmp_path}/new"),
+            *("--policy.type=gcdt", "--policy.push_to_hub=false", "--dataset.repo_id=local/needle_pick"),
+            *("--batch_size=2", "--save_freq=500", "--log_freq=12", "--num_workers=0", "--policy.device=cpu"),
+            *(f"--dataset.root={needle_pick_root}", "--steps=1000", f"--output_dir={tmp_path}/new"),
         ]
     ]
     assert capsys.readouterr().out.startswith("lerobot-train \\\n  --policy.type=gcdt \\\n")
@@ -255,6 +255,27 @@ def test_data_that_replaced_others_in_place_are_refused(trained, uneven_root, ne
     assert len(asked) == 2
 
 
+@pytest.mark.parametrize("steps", [2, 3])
+@pytest.mark.parametrize(
+    ("option", "told"),
+    [
+        ("--policy.context_length=20", r"begun with policy.context_length=1 \(not 20\); leave .* or choose another"),
+        ("--batch_size=0", r"batch_size=4 \(not 0\)"),
+        ("--policy.contxt=7", "unrecognized arguments: --policy.contxt=7"),
+    ],
+)
+def test_other_settings_in_an_existing_folder_are_refused(trained, uneven_root, asked, steps, option, told):
+    with pytest.raises(ValueError, match=told):
+        training.train(uneven_root, trained / "pretrain", stage="pretrain", steps=steps, options=[option])
+    assert not asked
+
+
+def test_the_settings_of_its_beginning_and_of_what_it_writes_go_on(trained, uneven_root, asked):
+    options = [*TINY, "--batch_size", "4", "--policy.optimizer_lr=0.000000000001", "--save_freq=7"]
+    training.train(uneven_root, trained / "pretrain", stage="pretrain", steps=3, device="cpu", options=options)
+    assert {*options} < {*asked[0]}
+
+
 # Bad input.
 
 
@@ -272,6 +293,7 @@ def test_data_that_replaced_others_in_place_are_refused(trained, uneven_root, ne
         ({"options": ["--steps=5"]}, "--steps=5 of lerobot-train is set by gcdt; say it with --steps"),
         ({"options": ["--output_dir", "elsewhere"]}, "--output_dir .* say it with --output"),
         ({"options": ["--dataset.root=mine"]}, "--dataset.root=mine .* say it with --dataset"),
+        ({"options": ["--policy.path=mine"]}, "--policy.path=mine .* say it with --start"),
     ],
     ids=lambda value: "-".join(map(str, value.values())) if isinstance(value, dict) else "",
 )
