@@ -11,13 +11,16 @@ from pathlib import Path
 from typing import NamedTuple
 
 from lerobot.common.train_utils import get_step_checkpoint_dir, load_training_step, update_last_checkpoint
+from lerobot.configs.parser import parse_arg
 from lerobot.configs.policies import PreTrainedConfig
 from lerobot.utils.constants import TRAINING_STATE_DIR, TRAINING_STEP
+from lerobot.utils.device_utils import is_torch_device_available
 from lerobot.utils.import_utils import register_third_party_plugins
 
 from lerobot_gcdt.locking import alone_in
 from lerobot_gcdt.training.learned_data import DATASETS_FILE, fingerprint, noted_datasets
 from lerobot_gcdt.training.outputs import LOSS_FILE, checkpoint, existing_checkpoint
+from lerobot_gcdt.training.whole_data import check_whole
 
 STAGES = ("pretrain", "generalist", "finetune", "scratch")
 """The second and the third begin with a checkpoint, the others with random weights; the first two are GCDT's."""
@@ -107,9 +110,10 @@ def train(
 
     Raises:
         FileNotFoundError: There is no dataset, no checkpoint to start from, or no such launcher.
-        ValueError: The policy or the stage is unknown, they do not go together, the steps have to be said, an option is
-            one that is set here or that LeRobot or the policy refuses, or the output folder holds something else, a
-            training on other data or with other settings, or of the last checkpoint a copy instead of the link to it or no training state.
+        ValueError: The dataset is not whole, the device, the policy or the stage is unknown, they do not go together,
+            the steps have to be said, an option is one that is set here or that LeRobot or the policy refuses, or the
+            output folder holds something else, a training on other data or with other settings, or of the last
+            checkpoint a copy instead of the link to it or no training state.
         OSError: Another process trains in the output folder.
         RuntimeError: The launcher ended with an error.
     """
@@ -126,6 +130,10 @@ def train(
     policy = policy or "gcdt"
     settings = recipe(policy, stage or ("finetune" if start else "scratch"), start)
     steps = steps_to_train(policy, settings, steps)
+    for chosen in (device, parse_arg("policy.device", options)):
+        if chosen:
+            is_torch_device_available(chosen)  # raises for one that it does not know; LeRobot then hides its message
+    check_whole(dataset)
     if device:
         options = [f"--policy.device={device}", *options]
     beginning = [

@@ -293,6 +293,8 @@ def test_the_settings_of_its_beginning_and_of_what_it_writes_go_on(trained, unev
         ({"options": ["--steps=5"]}, "--steps=5 of lerobot-train is set by gcdt; say it with --steps"),
         ({"options": ["--output_dir", "elsewhere"]}, "--output_dir .* say it with --output"),
         ({"options": ["--dataset.root=mine"]}, "--dataset.root=mine .* say it with --dataset"),
+        ({"device": "gpu"}, "Unknown device gpu. Supported devices are: cuda, mps, xpu or cpu."),
+        ({"options": ["--policy.device=gpu"]}, "Unknown device gpu"),
         ({"options": ["--policy.path=mine"]}, "--policy.path=mine .* say it with --start"),
     ],
     ids=lambda value: "-".join(map(str, value.values())) if isinstance(value, dict) else "",
@@ -303,6 +305,22 @@ def test_a_bad_request_is_told_before_anything_is_written(trained, needle_pick_r
     with pytest.raises(ValueError, match=told):
         training.train(needle_pick_root, tmp_path / "new", **options)
     assert not asked and not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("damage", "told"),
+    [
+        (lambda file: file.write_bytes(file.read_bytes()[:-100]), r"file-000.parquet cannot be read"),
+        (lambda file: file.unlink(), "data holds 0 rows, but meta/info.json says total_frames = 200"),
+    ],
+    ids=["truncated", "missing"],
+)
+def test_half_of_a_dataset_is_told_before_anything_is_written(needle_pick_root, tmp_path, asked, damage, told):
+    shutil.copytree(needle_pick_root, half := tmp_path / "half")
+    damage(next(half.glob("data/*/*.parquet")))
+    with pytest.raises(ValueError, match=told):
+        training.train(half, tmp_path / "new")
+    assert not asked and not (tmp_path / "new").exists()
 
 
 def test_a_value_may_read_like_an_option_that_is_set_here(needle_pick_root, tmp_path, asked):
