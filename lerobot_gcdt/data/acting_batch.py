@@ -45,9 +45,12 @@ def tasks_of(batch: Mapping[str, Any], task_dims: Mapping[str, Sequence[int]]) -
     """
     needed = (STATE, GOAL, ACHIEVED_GOAL, "task")
     missing = [key for key in needed if key not in batch]
+    tasks = batch.get("task", ())
+    tasks = [tasks] if isinstance(tasks, str) else list(tasks)
+    for task in tasks:
+        sizes_of(task, task_dims)  # first: without them a robot's state has kept the goals that would be missed
     if missing:
         raise KeyError(f"select_action needs {', '.join(needed)}; the batch lacks {', '.join(missing)}.")
-    tasks = [batch["task"]] if isinstance(batch["task"], str) else list(batch["task"])
     for task in dict.fromkeys(tasks):
         state, goal, _ = sizes_of(task, task_dims)
         for key, size in ((STATE, state), (GOAL, goal), (ACHIEVED_GOAL, goal)):
