@@ -10,14 +10,19 @@ from lerobot_gcdt.keys import ACHIEVED_GOAL, GOAL, STATE
 def with_goals(batch: dict[str, Any], task_dims: Mapping[str, Sequence[int]]) -> dict[str, Any]:
     """Takes the goals out of a robot's ``observation.state``, where they stand behind the observation.
 
+    Goals of a single frame get the batch dimension that LeRobot's processors give to its observation alone.
+
     Args:
         batch: What ``select_action`` is given.
         task_dims: For each task sentence the sizes of observation, goal and action.
 
     Returns:
-        The batch with ``observation.state``, ``observation.goal`` and ``observation.achieved_goal``; as it is where it
-        has goals already, or a state of another size.
+        The batch with ``observation.state``, ``observation.goal`` and ``observation.achieved_goal``; otherwise as it is
+        where it has goals already, or a state of another size.
     """
+    if STATE in batch and batch[STATE].ndim == 2:
+        single = {key: batch[key][None] for key in (GOAL, ACHIEVED_GOAL) if key in batch and batch[key].ndim == 1}
+        batch = batch | single if single else batch
     if GOAL in batch or STATE not in batch or "task" not in batch:
         return batch
     tasks = {batch["task"]} if isinstance(batch["task"], str) else set(batch["task"])

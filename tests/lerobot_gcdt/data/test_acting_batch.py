@@ -37,3 +37,10 @@ def test_goals_that_are_there_stay():
 def test_an_unknown_task_is_named_before_the_goals_that_are_missed_for_it():
     with pytest.raises(KeyError, match="Unknown task 'Cut.'; this policy knows .*'Reach.'"):
         tasks_of(with_goals(robots("Cut.", 13), TASKS), TASKS)
+
+
+def test_goals_of_a_single_frame_get_the_batch_dimension_of_its_observation():
+    goals = {"observation.goal": torch.zeros(3), "observation.achieved_goal": torch.ones(3)}
+    batch = with_goals(robots(["Reach."], 7) | goals, TASKS)
+    assert tasks_of(batch, TASKS) == ["Reach."]
+    assert batch["observation.achieved_goal"].tolist() == [[1, 1, 1]]
