@@ -28,3 +28,9 @@ def main(arguments: list[str] | None = None) -> None:
         options.run(options)
     except (ValueError, OSError, RuntimeError) as error:
         sys.exit(f"gcdt {options.command}: {error}")
+    except Exception as error:
+        from draccus.utils import DecodingError  # here, because most commands end without it
+
+        if not isinstance(error, DecodingError):
+            raise
+        sys.exit(f"gcdt {options.command}: {error}")  # a checkpoint's settings, such as those of a missing plugin

@@ -8,7 +8,7 @@ from torch import Tensor
 
 from lerobot_gcdt.data.task_layouts import task_layouts
 from lerobot_gcdt.data.trajectories import TrajectoryBank
-from lerobot_gcdt.keys import ACHIEVED_GOAL, GOAL, STATE
+from lerobot_gcdt.keys import ACHIEVED_GOAL, ACTION, GOAL, STATE
 
 
 def open_one_task(meta: LeRobotDatasetMetadata, config: PreTrainedConfig) -> TrajectoryBank:
@@ -21,6 +21,10 @@ def open_one_task(meta: LeRobotDatasetMetadata, config: PreTrainedConfig) -> Tra
         raise ValueError(f"{config.type} learns one task; {meta.repo_id} holds {len(meta.tasks)}.")
     bank = TrajectoryBank.of(meta, config.device)
     config.task_dims = {task: layout.sizes for task, layout in task_layouts(meta).items()}
+    [(state, goal, action)] = config.task_dims.values()
+    # One task that LeRobot split off a merged dataset is still padded.
+    for key, size in ((STATE, state), (GOAL, goal), (ACHIEVED_GOAL, goal), (ACTION, action)):
+        bank.items[key] = bank.items[key][:, :size]
     return bank
 
 

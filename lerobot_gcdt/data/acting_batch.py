@@ -10,14 +10,19 @@ from lerobot_gcdt.keys import ACHIEVED_GOAL, GOAL, STATE
 def with_goals(batch: dict[str, Any], task_dims: Mapping[str, Sequence[int]]) -> dict[str, Any]:
     """Takes the goals out of a robot's ``observation.state``, where they stand behind the observation.
 
+    Goals of a single frame get the batch dimension that LeRobot's processors give to its observation alone.
+
     Args:
         batch: What ``select_action`` is given.
         task_dims: For each task sentence the sizes of observation, goal and action.
 
     Returns:
-        The batch with ``observation.state``, ``observation.goal`` and ``observation.achieved_goal``; as it is where it
-        has goals already, or a state of another size.
+        The batch with ``observation.state``, ``observation.goal`` and ``observation.achieved_goal``; otherwise as it is
+        where it has goals already, or a state of another size.
     """
+    if STATE in batch and batch[STATE].ndim == 2:
+        single = {key: batch[key][None] for key in (GOAL, ACHIEVED_GOAL) if key in batch and batch[key].ndim == 1}
+        batch = batch | single if single else batch
     if GOAL in batch or STATE not in batch or "task" not in batch:
         return batch
     tasks = {batch["task"]} if isinstance(batch["task"], str) else set(batch["task"])
@@ -45,9 +50,12 @@ def tasks_of(batch: Mapping[str, Any], task_dims: Mapping[str, Sequence[int]]) -
     """
     needed = (STATE, GOAL, ACHIEVED_GOAL, "task")
     missing = [key for key in needed if key not in batch]
+    tasks = batch.get("task", ())
+    tasks = [tasks] if isinstance(tasks, str) else list(tasks)
+    for task in tasks:
+        sizes_of(task, task_dims)  # first: without them a robot's state has kept the goals that would be missed
     if missing:
         raise KeyError(f"select_action needs {', '.join(needed)}; the batch lacks {', '.join(missing)}.")
-    tasks = [batch["task"]] if isinstance(batch["task"], str) else list(batch["task"])
     for task in dict.fromkeys(tasks):
         state, goal, _ = sizes_of(task, task_dims)
         for key, size in ((STATE, state), (GOAL, goal), (ACHIEVED_GOAL, goal)):

@@ -17,7 +17,7 @@ from lerobot_gcdt.hub.docstrings import sections
 from lerobot_gcdt.recording.demonstrations import dataset_name
 from lerobot_gcdt.recording.facts import card_facts, frames_of, is_human, is_imported, recordings, task_named, task_of
 from lerobot_gcdt.recording.features import NO_EXTRAS
-from lerobot_gcdt.recording.merging import PADDED_SIZES
+from lerobot_gcdt.recording.merging import PADDED
 from surrol_gym.quantities import table
 from surrol_gym.registry import env_class, find_law, task_spec
 
@@ -262,17 +262,20 @@ def _body(facts: dict, name: str, pictures: str) -> str:
 
 
 def _merged_body(facts: dict, name: str, pictures: str) -> str:
-    parts, rows = recordings(facts), []
+    parts, rows, lengths = recordings(facts), [], []
     for part in parts:
         task, task_class = task_of(part), env_class(part["env_id"])
         names = (task_class.observation_names, task_class.goal_names, task_class.action_names)
-        sizes = ", ".join(str(len(numbers)) for numbers in names)
+        lengths.append([len(numbers) for numbers in names])
+        sizes = ", ".join(map(str, lengths[-1]))
         seen = [f"![{task}]({pictures}/{task}.png)", f"`{part['env_id']}`", task_class.task_description, sizes]
         rows.append([*seen, f"{frames_of(part):,}", success_rate(part), steps_to_success(part)])
     env_ids = {task_of(part): part["env_id"] for part in parts}
     numbers = [f"### {task}\n\n{number_tables(env_class(env_id), {}, '####')}" for task, env_id in env_ids.items()]
     titles = ["", "task", "`task`", "observation, goal, action", "frames", "successful attempts", "steps to success"]
-    sizes = ", ".join(f"{size} in `{key}`" for key, size in PADDED_SIZES.items())
+    observation, goal, action = map(max, zip(*lengths, strict=True))
+    padded = zip(PADDED, (observation, goal, goal, goal, action, action), strict=True)
+    sizes = ", ".join(f"{size} in `{key}`" for key, size in padded)
     return MERGED_BODY.format(
         tasks=table(titles, rows),
         commands="\n".join(recording_commands(facts, f"datasets/{name}")),

@@ -1,22 +1,18 @@
 """Is a folder fit to be published? Whole, readable, made by this package, with a card that others can find."""
 
-import json
-from collections.abc import Iterable
 from dataclasses import fields
 from pathlib import Path
 
-import pyarrow.parquet as pq
 import yaml
 from huggingface_hub import DatasetCard, ModelCard
-from lerobot.datasets.dataset_metadata import CODEBASE_VERSION
 from safetensors import SafetensorError, safe_open
 
 from lerobot_gcdt.hub.model_card import find_policy
 from lerobot_gcdt.recording.demonstrations import RECORDING_FILE
+from lerobot_gcdt.training.whole_data import LEROBOTS_FILES, check_files, check_whole, read_json
 from surrol_gym import find_task
 
-INFO_FILE = "meta/info.json"
-DATASET_FILES = (INFO_FILE, RECORDING_FILE, "meta/stats.json", "meta/tasks.parquet")
+DATASET_FILES = (*LEROBOTS_FILES, RECORDING_FILE)
 PROCESSOR_FILES = ("policy_preprocessor.json", "policy_postprocessor.json")
 CHECKPOINT_FILES = ("config.json", "model.safetensors", *PROCESSOR_FILES, "train_config.json")
 
@@ -29,14 +25,8 @@ REQUIRED_METADATA = {
 
 def check_dataset(root: Path) -> None:
     """Raises ValueError unless a dataset is whole and was recorded in an environment of this package."""
-    _check_files(root, DATASET_FILES)
-    info = read_json(root / INFO_FILE)
-    if info.get("codebase_version") != CODEBASE_VERSION:
-        raise ValueError(f"{root} has LeRobot's format {info.get('codebase_version')}, not {CODEBASE_VERSION}.")
-    for what, folder in (("total_frames", "data"), ("total_episodes", "meta/episodes")):
-        rows = sum(_rows(file) for file in sorted((root / folder).rglob("*.parquet")))
-        if rows != info.get(what):
-            raise ValueError(f"{root / folder} holds {rows} rows, but {INFO_FILE} says {what} = {info.get(what)}.")
+    check_files(root, DATASET_FILES)
+    check_whole(root)
     for env_id in _environments(read_json(root / RECORDING_FILE)):
         try:
             find_task(env_id)
@@ -46,9 +36,9 @@ def check_dataset(root: Path) -> None:
 
 def check_checkpoint(folder: Path) -> None:
     """Raises ValueError unless a checkpoint is whole, readable and of a policy that can be described."""
-    _check_files(folder, CHECKPOINT_FILES)
+    check_files(folder, CHECKPOINT_FILES)
     steps = [step for name in PROCESSOR_FILES for step in read_json(folder / name)["steps"]]
-    _check_files(folder, [step["state_file"] for step in steps if "state_file" in step])
+    check_files(folder, [step["state_file"] for step in steps if "state_file" in step])
     for file in sorted(folder.glob("*.safetensors")):
         try:
             with safe_open(file, "np"):
@@ -74,30 +64,9 @@ def check_card(card: str, kind: str) -> None:
             raise ValueError(f"The card (README.md) lacks {name}{f': {wanted}' if wanted else ''} in its front matter.")
 
 
-def read_json(file: Path) -> dict:
-    """Reads a JSON file; raises ValueError, with its name, if it is none."""
-    try:
-        return json.loads(file.read_text())
-    except ValueError as error:
-        raise ValueError(f"{file} is not JSON: {error}") from error
-
-
 def one_line(error: Exception) -> str:
     """The message of an error, on one line."""
     return " ".join(str(error).split()) or type(error).__name__
-
-
-def _check_files(folder: Path, names: Iterable[str]) -> None:
-    missing = [name for name in names if not (folder / name).is_file()]
-    if missing:
-        raise ValueError(f"{folder} lacks {', '.join(missing)}.")
-
-
-def _rows(file: Path) -> int:
-    try:
-        return len(pq.read_table(file))
-    except (ValueError, OSError) as error:
-        raise ValueError(f"{file} cannot be read: {error}") from error
 
 
 def _environments(facts: dict) -> list[str]:

@@ -22,16 +22,15 @@ from lerobot_gcdt.evaluation.pictures import halfway
 from lerobot_gcdt.hub.cards import PICTURES, dataset_card
 from lerobot_gcdt.hub.checks import (
     CHECKPOINT_FILES,
-    INFO_FILE,
     check_card,
     check_checkpoint,
     check_dataset,
     one_line,
-    read_json,
 )
 from lerobot_gcdt.hub.model_card import model_card
 from lerobot_gcdt.recording.facts import card_facts, recordings, task_of
 from lerobot_gcdt.training import checkpoint
+from lerobot_gcdt.training.whole_data import INFO_FILE, read_json
 
 WEIGHTS = "model.safetensors"
 SENT = (".json", ".md", ".mp4", ".parquet", ".png", ".safetensors")

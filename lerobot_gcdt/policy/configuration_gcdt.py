@@ -125,7 +125,8 @@ class GCDTConfig(AveragedWeightsConfig, SingleFrames):
             if name not in OBJECTIVES:
                 raise OptionError(
                     f"policy.objectives names {name!r}, but there are {', '.join(OBJECTIVES)}. LeRobot imports the "
-                    "module that registers another one with --policy.discover_packages_path, or as an installed plugin."
+                    "package (a folder with __init__.py) that registers another one with "
+                    "--policy.discover_packages_path, or as an installed plugin whose name begins with lerobot_policy_."
                 )
         for name, weight in self.objective_weights.items():
             if weight < 0:

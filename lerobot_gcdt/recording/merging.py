@@ -1,7 +1,7 @@
 """Merging the datasets of several tasks into one, for cross-task training.
 
 LeRobot merges datasets whose features are equal. The tasks' are not: so each dataset is first copied with its vectors
-padded with zeros to the largest task's size, and the merged metadata keep the layout of each task
+padded with zeros to the size of the largest one, and the merged metadata keep the layout of each task
 (``lerobot_gcdt.data.task_layouts``). Columns that only some tasks can have, such as videos, are left out.
 """
 
@@ -37,20 +37,20 @@ from lerobot_gcdt.recording.demonstrations import RECORDING_FILE, sort_statistic
 from lerobot_gcdt.recording.features import vector_feature
 from lerobot_gcdt.recording.writing import save_episode
 
-PADDED_SIZES = {STATE: 35, ENVIRONMENT_STATE: 6, GOAL: 6, ACHIEVED_GOAL: 6, ACTION: 10, DISTURBANCE: 10}
-"""The largest size of each vector among the ten tasks."""
+PADDED = (STATE, ENVIRONMENT_STATE, GOAL, ACHIEVED_GOAL, ACTION, DISTURBANCE)
+"""Vectors whose sizes may differ."""
 
 KEPT = (TIME_TO_GOAL, REWARD, SUCCESS)
 """Features that are the same in all tasks."""
 
-COLUMNS = (*PADDED_SIZES, *KEPT)
+COLUMNS = (*PADDED, *KEPT)
 """What a merged dataset holds, beside what LeRobot adds to every dataset."""
 
 
 def merge(roots: Sequence[str | Path], root: str | Path) -> Path:
-    """Merges datasets of ``gcdt record`` into one whose vectors have 35, 6 and 10 numbers.
+    """Merges datasets of ``gcdt record`` into one whose vectors are as long as the longest of them.
 
-    The columns are those of ``PADDED_SIZES`` and ``KEPT``; a line is printed for every other column that a dataset has.
+    The columns are those of ``PADDED`` and ``KEPT``; a line is printed for every other column that a dataset has.
 
     Args:
         roots: Folders of the datasets.
@@ -74,12 +74,6 @@ def merge(roots: Sequence[str | Path], root: str | Path) -> Path:
     lacked = sorted({key for meta in metas for key in COLUMNS if key not in meta.features})
     if lacked:
         raise ValueError(f"Not every dataset has {', '.join(lacked)}; record them with `gcdt record`.")
-    for meta in metas:
-        for key, room in PADDED_SIZES.items():
-            if (size := meta.features[key]["shape"][0]) > room:
-                raise ValueError(
-                    f"{meta.root} has {size} numbers in {key}, but merged datasets have room for {room}; leave it out."
-                )
     features = _padded_features(metas)
     for meta in metas:
         left_out = sorted(set(meta.features) - {*COLUMNS, *DEFAULT_FEATURES})
@@ -119,8 +113,8 @@ def _padded_features(metas: Sequence[LeRobotDatasetMetadata]) -> dict[str, dict]
         ValueError: One task has different layouts.
     """
     features = {
-        key: vector_feature(padded_names(key, PADDED_SIZES[key]))
-        if key in PADDED_SIZES
+        key: vector_feature(padded_names(key, max(meta.features[key]["shape"][0] for meta in metas)))
+        if key in PADDED
         else {name: metas[0].features[key][name] for name in ("dtype", "shape", "names")}
         for key in COLUMNS
     }
@@ -141,7 +135,7 @@ def _padded_copy(meta: LeRobotDatasetMetadata, features: dict[str, dict], copy: 
 
     A copy for the same merger that is there already is whole.
     """
-    note = json.dumps([json.loads((meta.root / RECORDING_FILE).read_text()), features[STATE]["info"]])
+    note = json.dumps([json.loads((meta.root / RECORDING_FILE).read_text()), features])
     if copy.exists():
         if (copy / RECORDING_FILE).exists() and (copy / RECORDING_FILE).read_text() == note:
             return copy

@@ -11,19 +11,22 @@ from pathlib import Path
 from typing import NamedTuple
 
 from lerobot.common.train_utils import get_step_checkpoint_dir, load_training_step, update_last_checkpoint
+from lerobot.configs.parser import parse_arg
 from lerobot.configs.policies import PreTrainedConfig
 from lerobot.utils.constants import TRAINING_STATE_DIR, TRAINING_STEP
+from lerobot.utils.device_utils import is_torch_device_available
 from lerobot.utils.import_utils import register_third_party_plugins
 
 from lerobot_gcdt.locking import alone_in
 from lerobot_gcdt.training.learned_data import DATASETS_FILE, fingerprint, noted_datasets
 from lerobot_gcdt.training.outputs import LOSS_FILE, checkpoint, existing_checkpoint
+from lerobot_gcdt.training.whole_data import check_whole
 
 STAGES = ("pretrain", "generalist", "finetune", "scratch")
 """The second and the third begin with a checkpoint, the others with random weights; the first two are GCDT's."""
 
 
-SET_HERE = {"steps": "--steps", "output_dir": "--output", "dataset.root": "--dataset"}
+SET_HERE = {"steps": "--steps", "output_dir": "--output", "dataset.root": "--dataset", "policy.path": "--start"}
 """Options of `lerobot-train` that ``train`` sets itself, and what says them instead."""
 
 
@@ -99,16 +102,18 @@ def train(
         launcher: Command that runs a module, such as ``"accelerate launch --num_processes=4 -m"``. None to train in
             this process.
         options: Further arguments of `lerobot-train` but those of ``SET_HERE``; they win over those of ``RECIPES``. A
-            training that goes on keeps the settings of its beginning, but for the steps.
+            training that goes on keeps the settings of its beginning, but for the steps and what has no part in what is
+            learned, such as ``--save_freq``.
 
     Returns:
         Folder of the last checkpoint.
 
     Raises:
         FileNotFoundError: There is no dataset, no checkpoint to start from, or no such launcher.
-        ValueError: The policy or the stage is unknown, they do not go together, the steps have to be said, an option is
-            one that is set here or that LeRobot or the policy refuses, or the output folder holds something else, a
-            training on other data, or of the last checkpoint a copy instead of the link to it or no training state.
+        ValueError: The dataset is not whole, the device, the policy or the stage is unknown, they do not go together,
+            the steps have to be said, an option is one that is set here or that LeRobot or the policy refuses, or the
+            output folder holds something else, a training on other data or with other settings, or of the last
+            checkpoint a copy instead of the link to it or no training state.
         OSError: Another process trains in the output folder.
         RuntimeError: The launcher ended with an error.
     """
@@ -125,12 +130,17 @@ def train(
     policy = policy or "gcdt"
     settings = recipe(policy, stage or ("finetune" if start else "scratch"), start)
     steps = steps_to_train(policy, settings, steps)
+    for chosen in (device, parse_arg("policy.device", options)):
+        if chosen:
+            is_torch_device_available(chosen)  # raises for one that it does not know; LeRobot then hides its message
+    check_whole(dataset)
+    if device:
+        options = [f"--policy.device={device}", *options]
     beginning = [
         f"--policy.path={start}" if start else f"--policy.type={policy}",
         *settings.options,
         *(_short_average(policy, steps) if start else ()),
         "--policy.push_to_hub=false",
-        *([f"--policy.device={device}"] if device else []),
         f"--dataset.repo_id=local/{dataset.name}",
         f"--batch_size={settings.batch_size}",
         f"--save_freq={max(500, steps // 40)}",
@@ -141,7 +151,7 @@ def train(
     there = output.resolve()
     # Beside the folder, because LeRobot begins no training in one that exists.
     with alone_in(there.with_name(f"{there.name}.training"), "--output"):
-        arguments = _arguments_to_reach(steps, output, beginning, policy, dataset)
+        arguments = _arguments_to_reach(steps, output, beginning, policy, dataset, options)
         if arguments is None:
             print(f"{output} is complete already.")
         else:
@@ -156,7 +166,9 @@ def _short_average(policy: str, steps: int) -> list[str]:
     return [] if default is None else [f"--policy.average_steps={max(1, min(default, steps // 7))}"]
 
 
-def _arguments_to_reach(steps: int, output: Path, beginning: list[str], policy: str, dataset: Path) -> list[str] | None:
+def _arguments_to_reach(
+    steps: int, output: Path, beginning: list[str], policy: str, dataset: Path, options: Sequence[str]
+) -> list[str] | None:
     """Arguments that begin a training or go on with it; None where nothing is left to do."""
     checkpoints = output / "checkpoints"
     last = checkpoints / "last"
@@ -185,6 +197,10 @@ def _arguments_to_reach(steps: int, output: Path, beginning: list[str], policy: 
     before = noted_datasets(output).get(dataset.name) or fingerprint(Path(settings["dataset"]["root"] or dataset))
     if before and before != fingerprint(dataset):
         raise ValueError(f"{output} holds a training on other data than those in {dataset}; choose another --output.")
+    if options:
+        from lerobot_gcdt.training.trainer import check_same_settings  # here, for the reason in _run
+
+        check_same_settings(config, options)
     step = _step(last)
     if step >= steps:
         return None
@@ -197,7 +213,8 @@ def _arguments_to_reach(steps: int, output: Path, beginning: list[str], policy: 
         numbered = get_step_checkpoint_dir(output, settings["steps"], step)
         remedy = f"rm -r {last}" if numbered.exists() else f"mv {last} {numbered}"
         raise ValueError(f"{last} is a folder, where lerobot-train keeps a link; `{remedy}`, and repeat the command.")
-    return [f"--config_path={config}", "--resume=true", *common]
+    # Among the options may be a plugin, which no checkpoint names.
+    return [f"--config_path={config}", "--resume=true", *options, *common]
 
 
 def _step(saved: Path) -> int:

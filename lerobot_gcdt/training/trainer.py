@@ -10,6 +10,7 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, redirect_stderr
 from pathlib import Path
+from typing import Any
 
 from draccus.utils import DecodingError, ParsingError
 from lerobot.common.train_utils import load_training_step
@@ -23,6 +24,12 @@ from lerobot_gcdt.training.outputs import loss_curve, training_seconds
 
 FIRST_STEP = "Start offline training"
 """What LeRobot logs when everything is prepared; were it not found, a second or two of that would count as training."""
+
+MAY_CHANGE = (
+    *("log_freq", "save_", "eval", "env", "max_eval_samples", "num_workers", "prefetch_factor", "persistent_workers"),
+    *("job", "wandb.", "policy.push_to_hub", "policy.repo_id", "policy.private", "policy.tags", "policy.license"),
+)
+"""What settings begin with that have no part in what is learned: a training may go on with others."""
 
 CHECKPOINT = "Checkpoint policy after step"
 """What LeRobot logs before it writes a checkpoint; were it not found, other data would not be noticed."""
@@ -73,17 +80,53 @@ def run(arguments: Sequence[str], losses: Path) -> None:
 
 def check_options(arguments: Sequence[str]) -> None:
     """Raises ValueError, with LeRobot's message, unless `lerobot-train` takes these arguments."""
+    _settings(arguments)
+
+
+def check_same_settings(config: Path, options: Sequence[str]) -> None:
+    """Raises ValueError if options would change what a training learns.
+
+    Args:
+        config: Its settings, `train_config.json`.
+        options: Arguments of `lerobot-train`.
+    """
+    saved = [f"--config_path={config}", "--resume=true"]
+    wanted = _settings([*saved, *options])  # first, because options may name the plugin of which settings are
+    held = _settings(saved)
+    differ = sorted(
+        name
+        for name in held.keys() | wanted.keys()
+        if held.get(name) != wanted.get(name) and not name.startswith(MAY_CHANGE)
+    )
+    if differ:
+        told = ", ".join(f"{name}={held.get(name)} (not {wanted.get(name)})" for name in differ)
+        raise ValueError(
+            f"The training in {config.parents[3]} was begun with {told}; leave these options out, or choose another "
+            "--output."
+        )
+
+
+def _settings(arguments: Sequence[str]) -> dict[str, Any]:
+    """Returns the settings of `lerobot-train` that arguments stand for, by names such as ``policy.layers``."""
 
     @parser.wrap()
-    def read(config: TrainPipelineConfig) -> None:
-        pass
+    def read(config: TrainPipelineConfig) -> dict[str, Any]:
+        return config.to_dict()
 
     with _command_line(arguments), redirect_stderr(io.StringIO()) as told:
         try:
-            read()
+            return dict(_flat(read()))
         except SystemExit:
             last = told.getvalue().strip().splitlines()[-1].strip()
-            raise ValueError(last.removeprefix("lerobot-train: error: ")) from None
+            raise ValueError(last.removeprefix("lerobot-train: ").removeprefix("error: ")) from None
+
+
+def _flat(settings: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    for name, value in settings.items():
+        if isinstance(value, dict):
+            yield from _flat(value, f"{prefix}{name}.")
+        else:
+            yield prefix + name, value
 
 
 def _clocks() -> dict[str, float]:

@@ -232,6 +232,18 @@ def test_what_training_and_evaluation_lack_is_told_with_the_command_that_makes_i
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize(
+    ("changed", "told"),
+    [({"objectives": {"mine": 0.1}}, "lerobot_policy_"), ({"type": "theirs"}, "theirs")],
+    ids=["an objective of a missing plugin", "a missing plugin"],
+)
+def test_a_checkpoint_of_a_missing_plugin_ends_with_one_line(tmp_path, changed, told):
+    settings = json.loads((GENERALIST / "config.json").read_text())
+    (tmp_path / "config.json").write_text(json.dumps(settings | changed))
+    with pytest.raises(SystemExit, match=rf"^gcdt evaluate: [^\n]*{told}[^\n]*$"):
+        cli.main(["evaluate", str(tmp_path)])
+
+
 def test_an_expert_that_fails_ends_with_one_line(tmp_path, monkeypatch):
     failed = {"success": np.zeros(1, dtype=bool)}
     monkeypatch.setattr("lerobot_gcdt.recording.demonstrations.run_episode", lambda *arguments: failed)

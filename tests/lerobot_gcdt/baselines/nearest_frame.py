@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 
 import torch
 from lerobot.configs.policies import PreTrainedConfig
+from lerobot.optim.optimizers import AdamWConfig
 from lerobot.policies.pretrained import PreTrainedPolicy
 from lerobot.processor.factory import make_default_pre_post_processors as make_nearest_frame_pre_post_processors
 from torch import nn
@@ -23,7 +24,7 @@ class NearestFrameConfig(SingleFrames):
     frames: int = 0
 
     def get_optimizer_preset(self):
-        return None
+        return AdamWConfig(lr=0.0)  # LeRobot's trainer wants one
 
     def get_scheduler_preset(self):
         return None
@@ -42,15 +43,16 @@ class NearestFramePolicy(PreTrainedPolicy):
             config.task_dims = {task: layout.sizes for task, layout in task_layouts(dataset_meta).items()}
             config.frames = len(bank)
         [(state, goal, action)] = config.task_dims.values()
-        self.seen = nn.Parameter(torch.zeros(config.frames, state + goal), requires_grad=False)
-        self.done = nn.Parameter(torch.zeros(config.frames, action), requires_grad=False)
+        self.seen = nn.Parameter(torch.zeros(config.frames, state + goal))
+        self.done = nn.Parameter(torch.zeros(config.frames, action))
         if dataset_meta is not None:
-            self.seen.copy_(torch.cat([bank.items[STATE], bank.items[GOAL]], dim=1))
-            self.done.copy_(bank.items[ACTION])
+            self.seen.data.copy_(torch.cat([bank.items[STATE], bank.items[GOAL]], dim=1))
+            self.done.data.copy_(bank.items[ACTION])
 
     def forward(self, batch):
-        return torch.zeros(()), {}
+        return (self.done[batch["index"]] - batch[ACTION]).square().mean(), {}  # 0: each frame is nearest to itself
 
+    @torch.no_grad()
     def select_action(self, batch):
         seen = torch.cat([batch[STATE], batch[GOAL]], dim=1)
         return self.done[torch.cdist(seen, self.seen).argmin(dim=1)]
@@ -62,4 +64,4 @@ class NearestFramePolicy(PreTrainedPolicy):
         pass
 
     def get_optim_params(self):
-        return []
+        return self.parameters()

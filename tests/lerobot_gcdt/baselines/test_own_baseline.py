@@ -4,27 +4,21 @@ import importlib
 from pathlib import Path
 
 import pytest
-from lerobot.configs.default import DatasetConfig
-from lerobot.configs.train import TrainPipelineConfig
-from lerobot.policies.factory import make_pre_post_processors
 
+from lerobot_gcdt import training
 from lerobot_gcdt.evaluation import evaluate, load_policy
 from lerobot_gcdt.hub.checks import check_card, check_checkpoint
 from lerobot_gcdt.hub.model_card import model_card
 
 
 @pytest.fixture
-def checkpoint(needle_reach_meta, tmp_path, monkeypatch):
-    """Folder of a checkpoint of the policy in ``nearest_frame.py``, as `lerobot-train` saves it."""
+def checkpoint(needle_reach_root, command, tmp_path, monkeypatch):
+    """Folder of a checkpoint of the policy in ``nearest_frame.py``, after one step."""
     monkeypatch.syspath_prepend(Path(__file__).parent)
-    nearest_frame = importlib.import_module("nearest_frame")
-    config = nearest_frame.NearestFrameConfig(device="cpu", push_to_hub=False)
-    nearest_frame.NearestFramePolicy(config, dataset_meta=needle_reach_meta).save_pretrained(tmp_path)
-    for processor in make_pre_post_processors(config):
-        processor.save_pretrained(tmp_path)
-    data = DatasetConfig("local/needle_reach", root=str(needle_reach_meta.root), video_backend="pyav")
-    TrainPipelineConfig(dataset=data, policy=config)._save_pretrained(tmp_path)
-    return tmp_path
+    importlib.import_module("nearest_frame")
+    output = tmp_path / "nearest"
+    command(lambda: training.train(needle_reach_root, output, "nearest_frame", steps=1, device="cpu"))
+    return training.checkpoint(output)
 
 
 def test_it_is_evaluated(checkpoint):

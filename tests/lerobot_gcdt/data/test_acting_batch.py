@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from lerobot_gcdt.data.acting_batch import with_goals
+from lerobot_gcdt.data.acting_batch import tasks_of, with_goals
 
 TASKS = {"Reach.": [7, 3, 5], "Pick.": [19, 3, 5]}
 
@@ -32,3 +32,15 @@ def test_what_is_no_robots_state_stays_as_it_is(batch):
 def test_goals_that_are_there_stay():
     batch = robots("Reach.", 13) | {"observation.goal": torch.zeros(1, 3)}
     assert with_goals(batch, TASKS) is batch
+
+
+def test_an_unknown_task_is_named_before_the_goals_that_are_missed_for_it():
+    with pytest.raises(KeyError, match="Unknown task 'Cut.'; this policy knows .*'Reach.'"):
+        tasks_of(with_goals(robots("Cut.", 13), TASKS), TASKS)
+
+
+def test_goals_of_a_single_frame_get_the_batch_dimension_of_its_observation():
+    goals = {"observation.goal": torch.zeros(3), "observation.achieved_goal": torch.ones(3)}
+    batch = with_goals(robots(["Reach."], 7) | goals, TASKS)
+    assert tasks_of(batch, TASKS) == ["Reach."]
+    assert batch["observation.achieved_goal"].tolist() == [[1, 1, 1]]

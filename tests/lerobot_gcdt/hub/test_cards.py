@@ -216,6 +216,7 @@ def test_a_merged_dataset_is_described_task_by_task(uneven_root, uneven_meta):
     check_card(text, "dataset")
     for sentence, layout in task_layouts(uneven_meta).items():
         assert f"| {sentence} | {', '.join(map(str, layout.sizes))} |" in text
+    assert "padded with zeros, to 19 in `observation.state`, 3 in" in " ".join(text.split())
     assert "gcdt merge" in text and text.count("gcdt record --task") == 2
     for task, numbers in (("NeedlePick", 19), ("NeedleReach", 7)):
         assert len(rows(text.split(f"### {task}\n")[1], "#### `observation.state`")) == numbers

@@ -2,9 +2,10 @@
 
 import pytest
 import torch
+from lerobot.datasets.lerobot_dataset import LeRobotDataset
 from lerobot.policies import make_pre_post_processors
 
-from lerobot_gcdt import make_gcdt_pre_post_processors
+from lerobot_gcdt import GCDTPolicy, make_gcdt_pre_post_processors
 
 
 @pytest.fixture
@@ -86,3 +87,10 @@ def test_saved_processors_accept_the_overrides_of_the_trainer(config, needle_pic
     )
     torch.testing.assert_close(preprocessor(batch)["observation.state"], batch["observation.state"], rtol=0, atol=0)
     torch.testing.assert_close(postprocessor(batch["action"]), batch["action"], rtol=0, atol=0)
+
+
+def test_a_single_frame_of_a_dataset_can_be_acted_on(tiny_config, needle_pick_root, needle_pick_meta):
+    policy = GCDTPolicy(tiny_config, dataset_meta=needle_pick_meta).eval()
+    preprocessor, postprocessor = make_gcdt_pre_post_processors(tiny_config, needle_pick_meta.stats)
+    frame = LeRobotDataset("local/needle_pick", root=needle_pick_root, video_backend="pyav")[0]
+    assert postprocessor(policy.select_action(preprocessor(frame))).shape == (1, 5)

@@ -3,12 +3,14 @@
 import json
 import shutil
 import subprocess
+import sys
 from types import SimpleNamespace
 
 import pytest
 from safetensors.torch import load_file
 
 from lerobot_gcdt import training
+from lerobot_gcdt.policy.objectives import OBJECTIVES
 from lerobot_gcdt.training import checkpoint, loss_curve, stages, trainer
 from lerobot_gcdt.training.stages import RECIPES
 
@@ -57,9 +59,9 @@ def test_a_policy_from_scratch_gets_the_arguments_of_the_quickstart(needle_pick_
     training.train(needle_pick_root, tmp_path / "new", steps=1000, device="cpu")
     assert asked == [
         [
-            *("--policy.type=gcdt", "--policy.push_to_hub=false", "--policy.device=cpu"),
-            *("--dataset.repo_id=local/needle_pick", "--batch_size=2", "--save_freq=500", "--log_freq=12"),
-            *("--num_workers=0", f"--dataset.root={needle_pick_root}", "--steps=1000", f"--output_dir={tmp_path}/new"),
+            *("--policy.type=gcdt", "--policy.push_to_hub=false", "--dataset.repo_id=local/needle_pick"),
+            *("--batch_size=2", "--save_freq=500", "--log_freq=12", "--num_workers=0", "--policy.device=cpu"),
+            *(f"--dataset.root={needle_pick_root}", "--steps=1000", f"--output_dir={tmp_path}/new"),
         ]
     ]
     assert capsys.readouterr().out.startswith("lerobot-train \\\n  --policy.type=gcdt \\\n")
@@ -130,6 +132,21 @@ def test_a_checkpoint_without_a_scheduler_is_whole(trained, uneven_root, asked, 
     config.write_text(json.dumps(json.loads(config.read_text()) | {"scheduler": None}))
     training.train(uneven_root, output, stage="pretrain", steps=4)
     assert checkpoint(output).resolve().parent.name == "000003"
+
+
+def test_a_training_that_goes_on_finds_its_plugin(uneven_root, train, tmp_path, monkeypatch):
+    (tmp_path / "my_objective").mkdir()
+    (tmp_path / "my_objective/__init__.py").write_text(
+        "from lerobot_gcdt.policy.objectives import register_objective, time_to_goal_loss\n"
+        "register_objective('mine', time_to_goal_loss, lambda dims, width: {})\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    options = [*TINY, "--policy.discover_packages_path=my_objective", '--policy.objectives={"mine": 0.1}']
+    for steps in (1, 2):
+        train(uneven_root, tmp_path / "new", stage="pretrain", steps=steps, device="cpu", options=options)
+        OBJECTIVES.pop("mine")
+        sys.modules.pop("my_objective")
+    assert checkpoint(tmp_path / "new").resolve().parent.name == "000002"
 
 
 def test_checkpoints_that_no_training_can_go_on_with_are_not_removed(needle_pick_root, tmp_path, asked):
@@ -238,6 +255,27 @@ def test_data_that_replaced_others_in_place_are_refused(trained, uneven_root, ne
     assert len(asked) == 2
 
 
+@pytest.mark.parametrize("steps", [2, 3])
+@pytest.mark.parametrize(
+    ("option", "told"),
+    [
+        ("--policy.context_length=20", r"begun with policy.context_length=1 \(not 20\); leave .* or choose another"),
+        ("--batch_size=0", r"batch_size=4 \(not 0\)"),
+        ("--policy.contxt=7", "unrecognized arguments: --policy.contxt=7"),
+    ],
+)
+def test_other_settings_in_an_existing_folder_are_refused(trained, uneven_root, asked, steps, option, told):
+    with pytest.raises(ValueError, match=told):
+        training.train(uneven_root, trained / "pretrain", stage="pretrain", steps=steps, options=[option])
+    assert not asked
+
+
+def test_the_settings_of_its_beginning_and_of_what_it_writes_go_on(trained, uneven_root, asked):
+    options = [*TINY, "--batch_size", "4", "--policy.optimizer_lr=0.000000000001", "--save_freq=7"]
+    training.train(uneven_root, trained / "pretrain", stage="pretrain", steps=3, device="cpu", options=options)
+    assert {*options} < {*asked[0]}
+
+
 # Bad input.
 
 
@@ -255,6 +293,9 @@ def test_data_that_replaced_others_in_place_are_refused(trained, uneven_root, ne
         ({"options": ["--steps=5"]}, "--steps=5 of lerobot-train is set by gcdt; say it with --steps"),
         ({"options": ["--output_dir", "elsewhere"]}, "--output_dir .* say it with --output"),
         ({"options": ["--dataset.root=mine"]}, "--dataset.root=mine .* say it with --dataset"),
+        ({"device": "gpu"}, "Unknown device gpu. Supported devices are: cuda, mps, xpu or cpu."),
+        ({"options": ["--policy.device=gpu"]}, "Unknown device gpu"),
+        ({"options": ["--policy.path=mine"]}, "--policy.path=mine .* say it with --start"),
     ],
     ids=lambda value: "-".join(map(str, value.values())) if isinstance(value, dict) else "",
 )
@@ -264,6 +305,22 @@ def test_a_bad_request_is_told_before_anything_is_written(trained, needle_pick_r
     with pytest.raises(ValueError, match=told):
         training.train(needle_pick_root, tmp_path / "new", **options)
     assert not asked and not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("damage", "told"),
+    [
+        (lambda file: file.write_bytes(file.read_bytes()[:-100]), r"file-000.parquet cannot be read"),
+        (lambda file: file.unlink(), "data holds 0 rows, but meta/info.json says total_frames = 200"),
+    ],
+    ids=["truncated", "missing"],
+)
+def test_half_of_a_dataset_is_told_before_anything_is_written(needle_pick_root, tmp_path, asked, damage, told):
+    shutil.copytree(needle_pick_root, half := tmp_path / "half")
+    damage(next(half.glob("data/*/*.parquet")))
+    with pytest.raises(ValueError, match=told):
+        training.train(half, tmp_path / "new")
+    assert not asked and not (tmp_path / "new").exists()
 
 
 def test_a_value_may_read_like_an_option_that_is_set_here(needle_pick_root, tmp_path, asked):
