@@ -27,7 +27,8 @@ FIRST_STEP = "Start offline training"
 
 MAY_CHANGE = (
     *("log_freq", "save_", "eval", "env", "max_eval_samples", "num_workers", "prefetch_factor", "persistent_workers"),
-    *("job", "wandb.", "policy.push_to_hub", "policy.repo_id", "policy.private", "policy.tags", "policy.license"),
+    *("job", "wandb.", "policy.device"),
+    *("policy.push_to_hub", "policy.repo_id", "policy.private", "policy.tags", "policy.license"),
 )
 """What settings begin with that have no part in what is learned: a training may go on with others."""
 
