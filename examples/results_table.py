@@ -29,9 +29,6 @@ METHODS = {
     "tuned": "fine-tuned",
     "scratch": "GCDT for one task",
     "perceptron": "perceptron",
-    "last_weights": "last weights",
-    "four_tokens": "a token an item",
-    "clock": "told its time-to-goal",
     "context_100": "100 steps of context",
 }
 """The methods in the order of their columns, and what they are called there."""
