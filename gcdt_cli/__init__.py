@@ -26,6 +26,9 @@ def main(arguments: list[str] | None = None) -> None:
     options = parser.parse_args(arguments)
     try:
         options.run(options)
+    except KeyboardInterrupt:
+        print(f"gcdt {options.command}: interrupted", file=sys.stderr)
+        sys.exit(130)  # as shells tell it
     except (ValueError, OSError, RuntimeError) as error:
         sys.exit(f"gcdt {options.command}: {error}")
     except Exception as error:

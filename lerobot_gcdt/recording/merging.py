@@ -75,14 +75,14 @@ def merge(roots: Sequence[str | Path], root: str | Path) -> Path:
     if lacked:
         raise ValueError(f"Not every dataset has {', '.join(lacked)}; record them with `gcdt record`.")
     features = _padded_features(metas)
-    for meta in metas:
-        left_out = sorted(set(meta.features) - {*COLUMNS, *DEFAULT_FEATURES})
-        if left_out:
-            print(f"Left out of {root}: {', '.join(left_out)} of {meta.root}.")
     parts = root.with_name(root.name + ".merging")
     with alone_in(parts):
         if root.exists():
             raise ValueError(f"{root} exists already; choose another folder or remove it.")
+        for meta in metas:
+            left_out = sorted(set(meta.features) - {*COLUMNS, *DEFAULT_FEATURES})
+            if left_out:
+                print(f"Left out of {root}: {', '.join(left_out)} of {meta.root}.")
         datasets.disable_progress_bars()
         folder = parts / "copies"  # of their own: a dataset may have any name
         folder.mkdir(exist_ok=True)

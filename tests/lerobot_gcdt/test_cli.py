@@ -360,6 +360,16 @@ def test_a_dataset_needs_a_folder_with_a_name(arguments):
         cli.main([*arguments, "--root", "."])
 
 
+def test_an_interrupted_command_ends_in_one_line(monkeypatch, capsys, tmp_path):
+    def interrupt(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("lerobot_gcdt.recording.merge", interrupt)
+    with pytest.raises(SystemExit) as end:
+        cli.main(["merge", "a", "b", "--root", str(tmp_path / "merged")])
+    assert end.value.code == 130 and capsys.readouterr().err == "gcdt merge: interrupted\n"
+
+
 def test_a_number_of_episodes_to_evaluate_is_no_file():
     with pytest.raises(SystemExit, match="--episodes 4 is no FILE.parquet .* --starts says how many"):
         cli.main(["evaluate", "generalist", "--episodes", "4"])
