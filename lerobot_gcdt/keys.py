@@ -17,6 +17,16 @@ DISTURBANCE = "disturbance"
 """What was added to the action before it was executed; without a prefix that would make LeRobot show it to policies."""
 
 REWARD, SUCCESS = "next.reward", "next.success"
+
+PADDED = (STATE, ENVIRONMENT_STATE, GOAL, ACHIEVED_GOAL, ACTION, DISTURBANCE)
+"""Vectors whose sizes are a task's own; where tasks are merged, shorter ones are padded."""
+
+KEPT = (TIME_TO_GOAL, REWARD, SUCCESS)
+"""Columns that are the same in all tasks."""
+
+COLUMNS = (*PADDED, *KEPT)
+"""What every dataset of ours holds, beside what LeRobot adds to it."""
+
 CARTESIAN_STATE = "observation.cartesian_state"
 """The arms as a dVRK reports them; only where it was asked for."""
 

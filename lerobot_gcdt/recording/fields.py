@@ -7,17 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from lerobot.utils.constants import DEFAULT_FEATURES, OBS_IMAGES
 
-from lerobot_gcdt.keys import (
-    ACHIEVED_GOAL,
-    ACTION,
-    DISTURBANCE,
-    ENVIRONMENT_STATE,
-    GOAL,
-    REWARD,
-    STATE,
-    SUCCESS,
-    TIME_TO_GOAL,
-)
+from lerobot_gcdt.keys import COLUMNS
 from lerobot_gcdt.recording import openh
 from surrol_gym.envs.psm_env import PSMEnv
 
@@ -40,9 +30,6 @@ class Field:
     describe: Describe
     observe: Observe
 
-
-COLUMNS = (STATE, ENVIRONMENT_STATE, GOAL, ACHIEVED_GOAL, TIME_TO_GOAL, ACTION, DISTURBANCE, REWARD, SUCCESS)
-"""What every dataset holds."""
 
 TAKEN = {*COLUMNS, *DEFAULT_FEATURES, "task", "observation", "achieved_goal", "desired_goal", "reward", "success"}
 """Keys that no field may have: columns of ours and of LeRobot's, and what episodes hold until they are columns."""

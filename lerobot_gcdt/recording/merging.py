@@ -21,36 +21,17 @@ from tqdm import tqdm
 
 from lerobot_gcdt.data.columns import read_columns
 from lerobot_gcdt.data.task_layouts import TaskLayout, padded_names, table_of, task_layouts
-from lerobot_gcdt.keys import (
-    ACHIEVED_GOAL,
-    ACTION,
-    DISTURBANCE,
-    ENVIRONMENT_STATE,
-    GOAL,
-    REWARD,
-    STATE,
-    SUCCESS,
-    TIME_TO_GOAL,
-)
+from lerobot_gcdt.keys import COLUMNS, PADDED, STATE
 from lerobot_gcdt.locking import alone_in
 from lerobot_gcdt.recording.demonstrations import RECORDING_FILE, sort_statistics
 from lerobot_gcdt.recording.features import vector_feature
 from lerobot_gcdt.recording.writing import save_episode
 
-PADDED = (STATE, ENVIRONMENT_STATE, GOAL, ACHIEVED_GOAL, ACTION, DISTURBANCE)
-"""Vectors whose sizes may differ."""
-
-KEPT = (TIME_TO_GOAL, REWARD, SUCCESS)
-"""Features that are the same in all tasks."""
-
-COLUMNS = (*PADDED, *KEPT)
-"""What a merged dataset holds, beside what LeRobot adds to every dataset."""
-
 
 def merge(roots: Sequence[str | Path], root: str | Path) -> Path:
     """Merges datasets of ``gcdt record`` into one whose vectors are as long as the longest of them.
 
-    The columns are those of ``PADDED`` and ``KEPT``; a line is printed for every other column that a dataset has.
+    The columns are ``lerobot_gcdt.keys.COLUMNS``; a line is printed for every other column that a dataset has.
 
     Args:
         roots: Folders of the datasets.

@@ -4,10 +4,10 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from lerobot_gcdt.keys import STATE
+from lerobot_gcdt.keys import COLUMNS, STATE
 from lerobot_gcdt.recording import record
 from lerobot_gcdt.recording.features import NO_EXTRAS, Extras, describe_columns
-from lerobot_gcdt.recording.fields import COLUMNS, FIELDS, Field, observe_field
+from lerobot_gcdt.recording.fields import FIELDS, Field, observe_field
 
 
 def vector(*numbers):

@@ -11,11 +11,10 @@ from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
 from lerobot_gcdt.data.columns import read_columns
 from lerobot_gcdt.data.task_layouts import TaskLayout, task_layouts
-from lerobot_gcdt.keys import ACTION, GOAL, STATE
+from lerobot_gcdt.keys import ACTION, GOAL, KEPT, PADDED, STATE
 from lerobot_gcdt.recording import merge, record
 from lerobot_gcdt.recording.demonstrations import RECORDING_FILE
 from lerobot_gcdt.recording.features import Extras
-from lerobot_gcdt.recording.merging import KEPT, PADDED
 
 PICK = "Pick up the needle and bring its middle to the goal."
 REACH = "Move the closed jaw tips to the point above the needle."
