@@ -29,7 +29,12 @@ METHODS = {
     "tuned": "fine-tuned",
     "scratch": "GCDT for one task",
     "perceptron": "perceptron",
+    "four_tokens": "four tokens a step",
+    "clock": "told its time-to-goal",
     "context_100": "100 steps of context",
+    "last": "last weights",
+    "absolute": "goal alone",
+    "hindsight": "half relabelled",
 }
 """The methods in the order of their columns, and what they are called there."""
 

@@ -71,9 +71,8 @@ class GCDTConfig(AveragedWeightsConfig, SingleFrames):
             that had learned NeedleReach to the last digit blew up: its gradients had become so small that the next
             larger one moved it out of reach (examples/paper_table/notes.md#with-100-demonstrations).
         optimizer_weight_decay: Weight decay of AdamW.
-        optimizer_grad_clip_norm: Norm at which gradients are clipped, that of the paper's authors' code. With 1 one that
-            had learned NeedleReach from 440 demonstrations blew up
-            (examples/paper_table/notes.md#a-training-that-blew-up).
+        optimizer_grad_clip_norm: Norm at which gradients are clipped; .25 is that of the code that the paper's authors
+            published later. With 1 a training blew up (examples/paper_table/notes.md#a-training-that-blew-up).
         scheduler_warmup_steps: Steps of linear warm-up, shrunk in proportion when training is shorter than
             ``scheduler_decay_steps``.
         scheduler_decay_steps: Steps of the cosine decay, shrunk to the length of the training. 0 keeps the learning
