@@ -205,8 +205,12 @@ def _add_legend(figure: Figure) -> None:
 
 def _draw(axes: Axes, points: pd.DataFrame, column: str, method: str, colour: str) -> None:
     where = points[column]
+    level = len(points) and not where.any()  # of an expert, which did not learn
     for figure, dashes, strength in (("held", "-", 0.22), ("reached", "--", 0.1)):
         name = method if figure == "held" else f"_{method} {figure}"  # what begins like this is in no legend
+        if level:
+            axes.axhline(points[figure].item(), linestyle=dashes, color=colour, label=name)
+            continue
         axes.plot(where, points[figure], dashes, color=colour, marker="o", markersize=3, label=name)
         low, high = points[f"{figure}_low"], points[f"{figure}_high"]
         axes.fill_between(where, low, high, color=colour, alpha=strength, linewidth=0)

@@ -115,6 +115,15 @@ def test_the_figure_has_a_panel_for_each_task(rates, tmp_path, drawn):
         assert len(axes.collections) == len(lines), "every line has the band of its intervals"
 
 
+@pytest.mark.parametrize("plot", [plot_demonstrations, plot_success])
+def test_an_expert_who_learned_nothing_is_a_level_line(tmp_path, drawn, plot):
+    expert = episodes(0).query("method == 'gcdt' and step == 100").assign(method="expert", seconds=0.0)
+    plot(success_rates(pd.concat([episodes(100), expert])), tmp_path / "drawn.png")
+    lines = {line.get_label(): line for line in drawn[0].axes[0].lines}
+    assert list(lines["expert"].get_ydata()) == pytest.approx([14 / 20] * 2)
+    assert list(lines["expert"].get_xdata()) == [0, 1], "of the width of the panel"
+
+
 @pytest.mark.parametrize("plot", [plot_bars, plot_success])
 def test_all_methods_stand_in_the_legend_inside_the_figure_in_a_colour_each(tmp_path, drawn, plot):
     names = [*("gcdt", "bc", "dt", "dt-goal", "vinn", "iql", "plas", "act", "diffusion", "fine-tuned", "generalist")]
