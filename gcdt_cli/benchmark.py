@@ -38,7 +38,8 @@ def add(commands: Any) -> None:
         nargs="+",
         default=["gcdt,bc"],
         metavar="METHOD",
-        help="types of policies, also separated by commas, and variants in quotes, as a name and what it stands for, "
+        help="types of policies, also separated by commas, expert, the scripted one, and variants in quotes, as a name "
+        "and what it stands for, "
         "such as 'long=gcdt --policy.context_length=100 --steps=8000' (default gcdt,bc); --start=CHECKPOINT and "
         "--dataset=NAME of a variant say what it begins with, and what it learns all tasks from",
     )

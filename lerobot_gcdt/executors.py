@@ -23,6 +23,8 @@ from datatrove.executor import LocalPipelineExecutor, RayPipelineExecutor, Slurm
 from datatrove.utils.logging import logger
 
 SUBMIT = "sbatch"
+UNKNOWN = 255
+"""Exit status of a worker whose server was killed."""
 
 
 class SlurmJobs(SlurmPipelineExecutor):
@@ -100,8 +102,10 @@ def _killed_workers_told() -> Iterator[None]:
         alive = multiprocess.active_children()
         children.update(alive)
         most = max(most, len(alive))
-        # In the end the pool itself kills its workers. Before, it replaces those that end.
-        if len(alive) == most and any(child.exitcode for child in children):
+        statuses = {child.exitcode for child in children}
+        # In the end the pool itself kills its workers. Before, it replaces those that end, if the server that forks
+        # them is still there.
+        if UNKNOWN in statuses or (len(alive) == most and any(statuses)):
             raise ChildProcessError("a worker was killed; what is finished is kept, repeat the command to go on")
 
     before = signal.signal(signal.SIGALRM, look)

@@ -17,10 +17,11 @@ import pandas as pd
 from lerobot.common.train_utils import get_step_checkpoint_dir
 from tqdm import tqdm
 
-from lerobot_gcdt.benchmark.methods import Method, parse_method
+from lerobot_gcdt.benchmark.methods import EXPERT, Method, parse_method
 from lerobot_gcdt.benchmark.report import write_report
-from lerobot_gcdt.evaluation import evaluate_checkpoint
+from lerobot_gcdt.evaluation import evaluate, evaluate_checkpoint
 from lerobot_gcdt.evaluation.checkpoints import keep_episodes, keeps_other_sensors
+from lerobot_gcdt.evaluation.expert import ExpertPolicy
 from lerobot_gcdt.evaluation.tasks import check_starts
 from lerobot_gcdt.recording.demonstrations import RECORDING_FILE, dataset_name
 from lerobot_gcdt.recording.facts import recordings, task_of
@@ -193,6 +194,7 @@ class Benchmark:
             for method in methods
             for number in numbers
         ]
+        cells = [*dict.fromkeys(cells)]  # an expert has one for all seeds and numbers
         file, sensors = Path(self.output) / EPISODES_FILE, complete_sensors(self.sensors, IDEAL)
         if keeps_other_sensors(file, sensors):
             raise ValueError(f"{self.output} keeps episodes of other sensors than {sensors}; choose another --output.")
@@ -226,6 +228,9 @@ def _cell(datasets: Path, method: Method, task: str, seed: int, demonstrations: 
     if not (root / "meta/info.json").exists():
         records = f"--all --root {datasets}" if method.dataset else f"--task {task} --root {root}"
         raise FileNotFoundError(f"{root} holds no dataset; `gcdt record {records}` records one.")
+    if method.policy == EXPERT:
+        ExpertPolicy(task)  # raises ValueError for a task that has none
+        return Cell(method, task, 0, root, 0)
     there = _demonstrations(root, task)
     if demonstrations is None:
         return Cell(method, task, seed, root, there)
@@ -281,6 +286,8 @@ def _run_together(cells: Sequence[Cell], output: Path, starts: Sequence[int], se
 def _run(cell: Cell, output: Path, starts: Sequence[int], sensors: dict[str, float]) -> pd.DataFrame:
     """Trains and evaluates one cell, or goes on with it; returns its episodes."""
     method, folder = cell.method, output / cell.folder
+    if method.policy == EXPERT:
+        return _table(cell, _expert_episodes(cell.task, folder / EPISODES_FILE, starts, sensors), 1, 0.0, sensors)
     every = method.checkpoints.step
     # A row of the loss file at each checkpoint, so that its seconds are known.
     row = min(n for n in range(min(every, max(1, method.steps // LOSSES)), every + 1) if every % n == 0)
@@ -292,7 +299,20 @@ def _run(cell: Cell, output: Path, starts: Sequence[int], sensors: dict[str, flo
         checkpoint = get_step_checkpoint_dir(folder, method.steps, step) / "pretrained_model"
         file = None if sensors == IDEAL else checkpoint.parent / EPISODES_OF_SENSORS
         episodes = evaluate_checkpoint(checkpoint, [cell.task], starts, file=file, sensors=sensors)
-        facts = dict(zip(CELL, cell.key, strict=True)) | {"step": step, "seconds": training_seconds(folder, step)}
-        facts |= {} if sensors == IDEAL else sensors
-        points.append(episodes.assign(**facts)[[*facts, "seed", "reached", "held", "steps"]])
+        points.append(_table(cell, episodes, step, training_seconds(folder, step), sensors))
     return pd.concat(points, ignore_index=True)
+
+
+def _expert_episodes(task: str, file: Path, starts: Sequence[int], sensors: dict[str, float]) -> pd.DataFrame:
+    """Runs the expert of a task from the starts that its file does not keep yet; returns its episodes."""
+    kept = pd.read_parquet(file).seed if file.exists() else ()
+    if missing := sorted({*starts} - {*kept}):
+        evaluate(ExpertPolicy(task), [task], missing, on_batch=partial(keep_episodes, file), sensors=sensors)
+    return pd.read_parquet(file).set_index("seed").loc[[*starts]].reset_index()
+
+
+def _table(cell: Cell, episodes: pd.DataFrame, step: int, seconds: float, sensors: dict[str, float]) -> pd.DataFrame:
+    """The episodes of a checkpoint, as a benchmark keeps them."""
+    facts = dict(zip(CELL, cell.key, strict=True)) | {"step": step, "seconds": seconds}
+    facts |= {} if sensors == IDEAL else sensors
+    return episodes.assign(**facts)[[*facts, "seed", "reached", "held", "steps"]]

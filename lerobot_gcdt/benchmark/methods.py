@@ -12,6 +12,9 @@ from lerobot_gcdt.training.trainer import check_options
 OWN = ("steps", "start", "dataset")
 """Options of a method that are not those of `lerobot-train`."""
 
+EXPERT = "expert"
+"""The type of a method that learns nothing: the scripted expert of each task."""
+
 SET_BY_BENCHMARKS = SET_HERE | {
     "dataset.root": "--datasets",
     "seed": "--seeds",
@@ -26,7 +29,7 @@ class Method(NamedTuple):
 
     Attributes:
         name: Its name, also of its folder.
-        policy: Type of the policy.
+        policy: Type of the policy, or ``EXPERT``.
         steps: Optimiser steps.
         points: Checkpoints that are evaluated.
         options: Further arguments of `lerobot-train`.
@@ -53,9 +56,9 @@ def parse_method(text: str, points: int, steps: int | None = None, options: Iter
     """Reads a method.
 
     Args:
-        text: A type of policy, such as ``bc``, or a name and what it stands for, such as
-            ``long=gcdt --policy.context_length=100 --steps=8000``. Beside options of `lerobot-train` it may hold
-            ``--steps``, ``--start`` and ``--dataset`` (``Method``).
+        text: A type of policy, such as ``bc``, or ``expert`` for the scripted one, or a name and what it stands for,
+            such as ``long=gcdt --policy.context_length=100 --steps=8000``. Beside options of `lerobot-train` it may
+            hold ``--steps``, ``--start`` and ``--dataset`` (``Method``).
         points: Checkpoints that are evaluated; of a recipe with fewer steps, as many as these.
         steps: Steps where the text says none; None for those of ``lerobot_gcdt.training.stages.RECIPES``.
         options: Arguments of `lerobot-train` for all methods; those of the text win.
@@ -75,6 +78,10 @@ def parse_method(text: str, points: int, steps: int | None = None, options: Iter
             f"{text!r} is no method; write a type of policy, such as gcdt, or a name and what it stands for, such as "
             "'long=gcdt --policy.context_length=100'."
         )
+    if policy == EXPERT:
+        if own:
+            raise ValueError(f"The method {name} is the scripted expert, which takes no options: {shlex.join(own)}.")
+        return Method(name, policy, 1, 1, ())
     said, own = _split(own)
     settings = (*options, *own)
     refuse_options(settings, SET_BY_BENCHMARKS)

@@ -2,6 +2,7 @@
 
 from math import ceil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -15,7 +16,13 @@ FIGURES = ("held", "reached")
 POINT = ["task", "method", "demonstrations", "step"]
 """Columns that tell the points of trainings apart, where their seeds do not count."""
 
-COLOURS = ("#24557a", "#c0392b", "#1a7f5a", "#b8860b", "#6c3483", "#566573", "#ca6f9e", "#17202a")
+COLOURS = (
+    *("#24557a", "#c0392b", "#1a7f5a", "#b8860b", "#6c3483", "#566573", "#ca6f9e", "#17202a"),
+    *("#e67e22", "#48c9b0", "#8fbce6", "#7e5109"),
+)
+
+ROW = 16
+"""Width of a row of bars at most, inches."""
 
 
 def write_report(episodes: pd.DataFrame, output: Path) -> None:
@@ -114,22 +121,31 @@ def plot_bars(rates: pd.DataFrame, path: Path) -> None:
     """
     ends = at_the_end(rates)
     tasks, methods = list(ends.task.unique()), list(ends.method.unique())
+    of_a_task = 0.5 + 0.22 * len(methods)
+    a_row = ceil(len(tasks) / ceil(len(tasks) * of_a_task / (ROW - 2)))
+    begins = range(0, len(tasks), a_row)
+    figure = Figure(figsize=(2 + a_row * of_a_task, 0.4 + 3.2 * len(begins)), layout="constrained")
+    for axes, first in zip(figure.subplots(len(begins), squeeze=False).flat, begins, strict=True):
+        _draw_bars(axes, ends, tasks[first : first + a_row], a_row, methods)
+    _add_legend(figure)
+    figure.savefig(path, dpi=130)
+
+
+def _draw_bars(axes: Axes, ends: pd.DataFrame, tasks: list[str], places: int, methods: list[str]) -> None:
+    """Draws the bars of some tasks, in a row that has places for so many."""
     width = 0.8 / len(methods)
-    figure = Figure(figsize=(2 + 0.5 * len(tasks) + 0.22 * len(tasks) * len(methods), 3.6), layout="constrained")
-    axes = figure.subplots()
-    for i, (method, of_method) in enumerate(ends.groupby("method", sort=False)):
-        places = [tasks.index(task) + (i - (len(methods) - 1) / 2) * width for task in of_method.task]
+    for i, method in enumerate(methods):
+        of_method = ends[(ends.method == method) & ends.task.isin(tasks)]
+        where = [tasks.index(task) + (i - (len(methods) - 1) / 2) * width for task in of_method.task]
         errors = np.array([of_method.held - of_method.held_low, of_method.held_high - of_method.held])
         errors = errors.clip(min=0)  # rounding makes -1e-16 of the 0 above a rate of 1
         colour = COLOURS[i % len(COLOURS)]
-        axes.bar(places, of_method.held, 0.9 * width, yerr=errors, color=colour, ecolor="0.25", capsize=2, label=method)
-        axes.plot(places, of_method.reached, "o", color="white", markeredgecolor="0.25", markersize=3)
-    axes.set(ylim=(0, 1.02), ylabel="success rate")
+        axes.bar(where, of_method.held, 0.9 * width, yerr=errors, color=colour, ecolor="0.25", capsize=2, label=method)
+        axes.plot(where, of_method.reached, "o", color="white", markeredgecolor="0.25", markersize=3)
+    axes.set(xlim=(-0.6, places - 0.4), ylim=(0, 1.02), ylabel="success rate")
     axes.set_xticks(range(len(tasks)), tasks, rotation=25, ha="right")
     axes.grid(axis="y", alpha=0.3)
     axes.set_axisbelow(True)
-    figure.legend(loc="outside upper center", ncols=len(methods), fontsize=9)
-    figure.savefig(path, dpi=130)
 
 
 def plot_success(rates: pd.DataFrame, path: Path) -> None:
@@ -172,16 +188,29 @@ def _plot_panels(rates: pd.DataFrame, column: str, label: str, path: Path) -> No
     for axes in panels:  # left over
         axes.set_axis_off()
     figure.supxlabel(label, fontsize=10)
-    figure.supylabel("success rate", fontsize=10)
-    figure.legend(
-        *figure.axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=len(colours), fontsize=9
-    )
+    figure.supylabel("success rate (held; dashes: reached)", fontsize=10)
+    _add_legend(figure)
     figure.savefig(path, dpi=130)
+
+
+def _add_legend(figure: Figure) -> None:
+    """Adds a legend of all panels above them, in as many columns as find room."""
+    handles: dict[str, Any] = {}
+    for axes in figure.axes:
+        handles |= dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
+    room = max(1, int(figure.get_figwidth() / (0.6 + 0.075 * max(map(len, handles)))))
+    columns = ceil(len(handles) / ceil(len(handles) / room))
+    figure.legend(handles.values(), handles.keys(), loc="outside upper center", ncols=columns, fontsize=9)
 
 
 def _draw(axes: Axes, points: pd.DataFrame, column: str, method: str, colour: str) -> None:
     where = points[column]
+    level = len(points) and not where.any()  # of an expert, which did not learn
     for figure, dashes, strength in (("held", "-", 0.22), ("reached", "--", 0.1)):
-        axes.plot(where, points[figure], dashes, color=colour, marker="o", markersize=3, label=f"{method} {figure}")
+        name = method if figure == "held" else f"_{method} {figure}"  # what begins like this is in no legend
+        if level:
+            axes.axhline(points[figure].item(), linestyle=dashes, color=colour, label=name)
+            continue
+        axes.plot(where, points[figure], dashes, color=colour, marker="o", markersize=3, label=name)
         low, high = points[f"{figure}_low"], points[f"{figure}_high"]
         axes.fill_between(where, low, high, color=colour, alpha=strength, linewidth=0)

@@ -10,6 +10,12 @@ LOSS_FILE = "loss.csv"
 CPU time of the process where it trains on the CPU, wall time on another device, which earlier versions left out."""
 
 
+def trainer_folder(output: str | Path) -> Path:
+    """Returns the folder that the process that trains locks (``lerobot_gcdt.locking.alone_in``)."""
+    there = Path(output).resolve()
+    return there.with_name(f"{there.name}.trainer")
+
+
 def checkpoint(folder: str | Path) -> Path:
     """Returns the folder of a training's last checkpoint, for ``from_pretrained`` and `--policy.path`.
 

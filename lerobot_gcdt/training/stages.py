@@ -19,7 +19,7 @@ from lerobot.utils.import_utils import register_third_party_plugins
 
 from lerobot_gcdt.locking import alone_in
 from lerobot_gcdt.training.learned_data import DATASETS_FILE, fingerprint, noted_datasets
-from lerobot_gcdt.training.outputs import LOSS_FILE, checkpoint, existing_checkpoint
+from lerobot_gcdt.training.outputs import LOSS_FILE, checkpoint, existing_checkpoint, trainer_folder
 from lerobot_gcdt.training.whole_data import check_whole
 
 STAGES = ("pretrain", "generalist", "finetune", "scratch")
@@ -151,6 +151,8 @@ def train(
     there = output.resolve()
     # Beside the folder, because LeRobot begins no training in one that exists.
     with alone_in(there.with_name(f"{there.name}.training"), "--output"):
+        with alone_in(trainer_folder(output), "--output"):
+            pass  # a trainer may go on after the command that launched it was killed
         arguments = _arguments_to_reach(steps, output, beginning, policy, dataset, options)
         if arguments is None:
             print(f"{output} is complete already.")

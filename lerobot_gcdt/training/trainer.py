@@ -5,10 +5,11 @@ accelerate launch --num_processes=4 -m lerobot_gcdt.training.trainer LOSS_FILE A
 
 import io
 import logging
+import os
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, redirect_stderr
+from contextlib import contextmanager, nullcontext, redirect_stderr
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +20,9 @@ from lerobot.configs.train import TrainPipelineConfig
 from lerobot.scripts import lerobot_train
 from lerobot.utils.logging_utils import MetricsTracker
 
+from lerobot_gcdt.locking import alone_in
 from lerobot_gcdt.training.learned_data import fingerprint, note_datasets
-from lerobot_gcdt.training.outputs import loss_curve, training_seconds
+from lerobot_gcdt.training.outputs import loss_curve, trainer_folder, training_seconds
 
 FIRST_STEP = "Start offline training"
 """What LeRobot logs when everything is prepared; were it not found, a second or two of that would count as training."""
@@ -152,8 +154,16 @@ def _command_line(arguments: Sequence[str]) -> Iterator[None]:
         sys.argv = before
 
 
+def main() -> None:
+    """Runs what the command line says, in one process or several, the first of which keeps other trainers out."""
+    losses = Path(sys.argv[1])
+    first = os.environ.get("RANK", "0") == "0"
+    with alone_in(trainer_folder(losses.parent), "--output") if first else nullcontext():
+        run(sys.argv[2:], losses)
+
+
 if __name__ == "__main__":
     try:
-        run(sys.argv[2:], Path(sys.argv[1]))
+        main()
     except ValueError as error:
         sys.exit(f"lerobot-train: {error}")

@@ -52,8 +52,8 @@ def test_other_units_are_not_taken_for_finished_ones(here):
 @pytest.mark.study  # every worker imports the package anew
 @pytest.mark.parametrize(
     "end",
-    [*shell("kill -KILL $PPID", "kill -TERM $PPID"), partial(os._exit, 3)],
-    ids=["SIGKILL", "SIGTERM", "status 3"],
+    [*shell("kill -KILL $PPID", "kill -TERM $PPID", "kill -KILL $(ps -o ppid= -p $PPID)"), partial(os._exit, 3)],
+    ids=["SIGKILL", "SIGTERM", "SIGKILL of their server", "status 3"],
 )
 def test_a_killed_worker_ends_the_command(here, end):
     with pytest.raises(ChildProcessError, match="a worker was killed; what is finished is kept, repeat"):

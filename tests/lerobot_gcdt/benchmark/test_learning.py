@@ -283,6 +283,25 @@ def test_all_cells_see_through_the_same_sensors(datasets, tmp_path, asked):
         benchmark(datasets, tmp_path, **request)
 
 
+def test_the_expert_is_a_method_that_learns_nothing(datasets, tmp_path, asked, monkeypatch):
+    arguments = (datasets, tmp_path, ["NeedleReach"], ["expert"], [1, 2])
+    episodes = benchmark(*arguments, demonstrations=[1, 3], starts=STARTS)
+    told = episodes[["method", "demonstrations", "training_seed", "seconds", "seed", "held"]]
+    assert told.values.tolist() == [["expert", 0, 0, 0.0, seed, True] for seed in STARTS]
+    assert not asked
+    monkeypatch.setattr(learning, "evaluate", None)
+    again = benchmark(*arguments, starts=STARTS)
+    pd.testing.assert_frame_equal(again, episodes)
+
+
+def test_an_expert_that_was_interrupted_goes_on(datasets, tmp_path, monkeypatch):
+    ask = Benchmark(datasets, tmp_path, ["NeedleReach"], ["expert"], starts=STARTS)
+    [unit] = ask.units()
+    unit()
+    monkeypatch.setattr(learning, "evaluate", None)
+    assert list(ask.run().seed) == [*STARTS]
+
+
 def test_no_more_checkpoints_are_evaluated_than_there_are_steps(datasets, tmp_path, asked):
     command = {"tasks": ["NeedleReach"], "methods": ["vinn"], "seeds": [0], "starts": STARTS}
     assert set(benchmark(datasets, tmp_path, **command).step) == {1}
@@ -306,6 +325,7 @@ def test_no_more_checkpoints_are_evaluated_than_there_are_steps(datasets, tmp_pa
         ({"methods": ["bc=bc --seed=3"]}, "--seed=3 of lerobot-train is set by gcdt; say it with --seeds"),
         ({"options": ["--steps=5"]}, "--steps=5 .* say it with --steps"),
         ({"options": ["--save_freq", "5"]}, "--save_freq .* say it with --points"),
+        ({"methods": ["best=expert --steps=3"]}, "best is the scripted expert, which takes no options: --steps=3"),
         ({"methods": ["tuned=gcdt --start=nowhere"]}, "nowhere holds no checkpoint"),
         ({"methods": [f"tuned=bc --start={GENERALIST}"]}, "tuned is a policy of type bc, .* one of type gcdt"),
         ({"methods": ["one=bc --dataset=both"]}, "both holds no dataset; `gcdt record --all --root"),

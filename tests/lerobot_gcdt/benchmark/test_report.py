@@ -110,9 +110,43 @@ def test_the_figure_has_a_panel_for_each_task(rates, tmp_path, drawn):
     for axes in figure.axes:
         assert axes.get_xscale() == "log"
         lines = {line.get_label(): line.get_xydata().tolist() for line in axes.lines}
-        assert lines["bc reached"] == [[75, pytest.approx(0.25)], [150, pytest.approx(0.65)]]
-        assert set(lines) == {"bc held", "bc reached", "gcdt held", "gcdt reached"}
+        assert lines["_bc reached"] == [[75, pytest.approx(0.25)], [150, pytest.approx(0.65)]]
+        assert set(lines) == {"bc", "_bc reached", "gcdt", "_gcdt reached"}
         assert len(axes.collections) == len(lines), "every line has the band of its intervals"
+
+
+@pytest.mark.parametrize("plot", [plot_demonstrations, plot_success])
+def test_an_expert_who_learned_nothing_is_a_level_line(tmp_path, drawn, plot):
+    expert = episodes(0).query("method == 'gcdt' and step == 100").assign(method="expert", seconds=0.0)
+    plot(success_rates(pd.concat([episodes(100), expert])), tmp_path / "drawn.png")
+    lines = {line.get_label(): line for line in drawn[0].axes[0].lines}
+    assert list(lines["expert"].get_ydata()) == pytest.approx([14 / 20] * 2)
+    assert list(lines["expert"].get_xdata()) == [0, 1], "of the width of the panel"
+
+
+@pytest.mark.parametrize("plot", [plot_bars, plot_success])
+def test_all_methods_stand_in_the_legend_inside_the_figure_in_a_colour_each(tmp_path, drawn, plot):
+    names = [*("gcdt", "bc", "dt", "dt-goal", "vinn", "iql", "plas", "act", "diffusion", "fine-tuned", "generalist")]
+    one = episodes(100).query("method == 'gcdt' and task == 'NeedlePick'")
+    plot(success_rates(pd.concat([one.assign(method=name) for name in names])), tmp_path / "drawn.png")
+    [figure] = drawn
+    figure.draw_without_rendering()
+    [legend] = figure.legends
+    assert [text.get_text() for text in legend.get_texts()] == names
+    left, right = legend.get_window_extent().intervalx
+    assert left >= 0 and right <= figure.bbox.width
+    colours = [handle.get_facecolor() if plot is plot_bars else handle.get_color() for handle in legend.legend_handles]
+    assert len(set(colours)) == len(names)
+
+
+def test_bars_of_many_tasks_and_methods_stand_in_rows(tmp_path, drawn):
+    tasks, names = [f"Task{i}" for i in range(10)], [f"method{i}" for i in range(9)]
+    one = episodes(100).query("method == 'gcdt' and task == 'NeedlePick'")
+    many = [one.assign(task=task, method=name) for task, name in itertools.product(tasks, names)]
+    plot_bars(success_rates(pd.concat(many)), tmp_path / "bars.png")
+    [figure] = drawn
+    assert figure.get_figwidth() <= 16
+    assert [text.get_text() for axes in figure.axes for text in axes.get_xticklabels()] == tasks
 
 
 def test_success_is_drawn_against_the_number_of_demonstrations(tmp_path, drawn):
@@ -120,7 +154,7 @@ def test_success_is_drawn_against_the_number_of_demonstrations(tmp_path, drawn):
     plot_demonstrations(rates, tmp_path / "demonstrations.png")
     [figure] = drawn
     lines = {line.get_label(): line.get_xydata().tolist() for line in figure.axes[0].lines}
-    assert lines["gcdt held"] == [[25, pytest.approx(14 / 20)], [100, pytest.approx(14 / 20)]]
+    assert lines["gcdt"] == [[25, pytest.approx(14 / 20)], [100, pytest.approx(14 / 20)]]
 
 
 def test_numbers_of_demonstrations_are_compared_in_a_figure_and_a_table_of_their_own(tmp_path):

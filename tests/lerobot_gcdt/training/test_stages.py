@@ -340,6 +340,25 @@ def test_a_package_that_a_policy_needs_is_named_before_anything_is_written(
 # Launchers.
 
 
+def test_a_launched_trainer_keeps_others_out_even_if_its_command_was_killed(
+    needle_pick_root, tmp_path, asked, monkeypatch
+):
+    refused = []
+
+    def begin_again(arguments, losses):
+        with pytest.raises(OSError, match="at work in .*new.trainer; wait for its end") as error:
+            training.train(needle_pick_root, tmp_path / "new")
+        refused.append(error)
+
+    monkeypatch.setattr(sys, "argv", ["trainer", str(tmp_path / "new/loss.csv")])
+    with monkeypatch.context() as launched:
+        launched.setattr(trainer, "run", begin_again)
+        trainer.main()
+    assert refused and not asked
+    training.train(needle_pick_root, tmp_path / "new")
+    assert len(asked) == 1 and not (tmp_path / "new.trainer").exists()
+
+
 def test_a_launcher_runs_the_same_trainer(needle_pick_root, tmp_path, asked, monkeypatch):
     monkeypatch.delenv("OMP_WAIT_POLICY", raising=False)
     launched = []
