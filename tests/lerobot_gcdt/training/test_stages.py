@@ -96,6 +96,13 @@ def test_a_complete_training_is_not_repeated(trained, uneven_root, asked, capsys
     assert not asked
 
 
+def test_what_a_policy_chose_itself_is_no_other_setting(needle_pick_root, train, tmp_path, capsys):
+    options = ["--policy.neighbours=0", "--policy.temperature=0.0", "--policy.device=cpu"]
+    for _ in range(2):
+        train(needle_pick_root, tmp_path / "new", "vinn", options=options)
+    assert "new is complete already" in capsys.readouterr().out
+
+
 def test_a_training_goes_on_even_where_it_and_its_data_were_moved(trained, uneven_root, train, tmp_path):
     shutil.copytree(trained / "pretrain", tmp_path / "moved", symlinks=True)
     shutil.copytree(uneven_root, tmp_path / uneven_root.name)
