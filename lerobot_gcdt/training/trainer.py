@@ -1,6 +1,6 @@
 """LeRobot's trainer, with its losses in a file; also what a launcher runs, in one process or several:
 
-accelerate launch --num_processes=4 -m lerobot_gcdt.training.trainer LOSS_FILE ARGUMENTS_OF_LEROBOT_TRAIN
+accelerate launch --num_processes=4 -m lerobot_gcdt.training.trainer LOSS_FILE STAGE ARGUMENTS_OF_LEROBOT_TRAIN
 """
 
 import io
@@ -19,6 +19,7 @@ from lerobot.configs.train import TrainPipelineConfig
 from lerobot.scripts import lerobot_train
 from lerobot.utils.logging_utils import MetricsTracker
 
+from lerobot_gcdt.training.beginnings import beginning, note_beginning
 from lerobot_gcdt.training.learned_data import fingerprint, note_datasets
 from lerobot_gcdt.training.outputs import loss_curve, training_seconds
 
@@ -33,11 +34,11 @@ MAY_CHANGE = (
 """What settings begin with that have no part in what is learned: a training may go on with others."""
 
 CHECKPOINT = "Checkpoint policy after step"
-"""What LeRobot logs before it writes a checkpoint; were it not found, other data would not be noticed."""
+"""What LeRobot logs before it writes a checkpoint; were it not found, other data or stages would not be noticed."""
 
 
-def run(arguments: Sequence[str], losses: Path) -> None:
-    """Runs `lerobot-train` in this process, and notes beside the first checkpoint which data it learns from.
+def run(arguments: Sequence[str], losses: Path, stage: str) -> None:
+    """Runs `lerobot-train` in this process, and notes beside the first checkpoint its data and what it began with.
 
     Args:
         arguments: Of `lerobot-train`, with ``--dataset.root=FOLDER``.
@@ -53,6 +54,8 @@ def run(arguments: Sequence[str], losses: Path) -> None:
     begun = _clocks()
     dataset = Path(parser.parse_arg("dataset.root", arguments))
     data = {dataset.name: fingerprint(dataset)}
+    goes_on = parser.parse_arg("resume", arguments)
+    begins = None if goes_on else beginning(stage, parser.parse_arg("policy.path", arguments))
 
     def keep_row(message: logging.LogRecord) -> bool:
         nonlocal begun
@@ -68,6 +71,8 @@ def run(arguments: Sequence[str], losses: Path) -> None:
             begun = _clocks()
         elif str(message.msg).startswith(CHECKPOINT):
             note_datasets(losses.parent, data)
+            if begins:
+                note_beginning(losses.parent, begins)
         return True
 
     logger = logging.getLogger()
@@ -154,6 +159,6 @@ def _command_line(arguments: Sequence[str]) -> Iterator[None]:
 
 if __name__ == "__main__":
     try:
-        run(sys.argv[2:], Path(sys.argv[1]))
+        run(sys.argv[3:], Path(sys.argv[1]), sys.argv[2])
     except ValueError as error:
         sys.exit(f"lerobot-train: {error}")
