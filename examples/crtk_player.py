@@ -32,19 +32,20 @@ def main(arguments: list[str] | None = None) -> None:
             told = np.round((*file[f"{arm}_position"][index], *file[f"{arm}_quaternion"][index]), 4).tolist()
             print(f"{index * period:7.1f} s  {arm}  {told}, jaws {file[f'{arm}_jaw'][index]:.3f} rad")
         return
-    import crtk
-    import dvrk
+    play(names, file, period)
 
+
+def play(names: list[str], file: dict, period: float) -> None:
+    try:
+        import crtk
+        import dvrk
+        import PyKDL as kdl
+    except ImportError as error:
+        sys.exit(f"{error}: build the dVRK's ROS 2 workspace (docs/dvrk.md#play) and source its setup.bash.")
     ral = crtk.ral("gcdt_player")
     arms = {name: dvrk.psm(ral, name) for name in names}
     ral.check_connections()
     ral.spin()
-    play(arms, file, period)
-
-
-def play(arms: dict, file: dict, period: float) -> None:
-    import PyKDL as kdl
-
     poses, heard = {}, dict.fromkeys(arms, (0.0, 0.0))
     for name, arm in arms.items():
         (there, stamp), (local, local_stamp) = arm.setpoint_cp(), arm.local.setpoint_cp()

@@ -17,7 +17,7 @@ class VINNConfig(SingleFrames):
     Attributes:
         neighbours: Frames that an action is averaged over; 0 to choose the number by the demonstrations.
         temperature: Distance at which the weight of a frame falls to 1/e; 0 to choose it by the demonstrations.
-        frames: Frames that are kept. Filled from the dataset, as are the two above where they are 0.
+        frames: Frames that are kept. Filled from the dataset.
         task_dims: Sizes ``[observation, goal, action]`` of the task, by task sentence. Filled from the dataset.
     """
 

@@ -67,8 +67,10 @@ class VINNPolicy(PreTrainedPolicy):
             self.std.copy_(std)
             self.seen.copy_((seen - mean) / std)
             self.actions.copy_(items[ACTION])
-            config.neighbours, config.temperature = self._choose()
-        self.temperature = nn.Parameter(torch.tensor(config.temperature))
+        # The configuration stays as it was asked for, so that the same command asks for the same again.
+        neighbours, temperature = (config.neighbours, config.temperature) if self._bank is None else self._choose()
+        self.register_buffer("neighbours", torch.tensor(neighbours))
+        self.temperature = nn.Parameter(torch.tensor(temperature))
 
     def forward(self, batch: dict[str, Tensor], reduction: str = "mean") -> tuple[Tensor, dict[str, float]]:
         """Computes the mean squared error of the actions, each from the other episodes.
@@ -87,7 +89,7 @@ class VINNPolicy(PreTrainedPolicy):
         bank = to_train_on(self._bank, index.device)
         self._episode = self._episode.to(index.device)
         seen = (state_and_goal({key: value[index] for key, value in bank.items.items()}) - self.mean) / self.std
-        distance, nearest = self._nearest(seen, self.config.neighbours, bank.first[index])
+        distance, nearest = self._nearest(seen, int(self.neighbours), bank.first[index])
         errors = (self._average(distance, nearest, self.temperature) - bank.items[ACTION][index]).square().mean(-1)
         if reduction == "none":
             return errors, {}
@@ -97,7 +99,7 @@ class VINNPolicy(PreTrainedPolicy):
     def select_action(self, batch: dict[str, Tensor]) -> Tensor:
         """Returns the action of each row of ``observation.*``, shape (B, A); a robot's state may hold the goals."""
         seen = (state_and_goal(with_goals(batch, self.config.task_dims)) - self.mean) / self.std
-        return self._average(*self._nearest(seen, self.config.neighbours), self.temperature)
+        return self._average(*self._nearest(seen, int(self.neighbours)), self.temperature)
 
     def predict_action_chunk(self, batch: dict[str, Tensor]) -> Tensor:
         """Returns ``select_action`` as a chunk of one step, shape (B, 1, A)."""

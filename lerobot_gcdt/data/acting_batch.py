@@ -19,15 +19,15 @@ def with_goals(batch: dict[str, Any], task_dims: Mapping[str, Sequence[int]]) ->
     Returns:
         The batch with ``observation.state``, ``observation.goal`` and ``observation.achieved_goal``; otherwise as it is
         where it has goals already, or a state of another size.
+
+    Raises:
+        KeyError: A task sentence is unknown.
     """
     if STATE in batch and batch[STATE].ndim == 2:
         single = {key: batch[key][None] for key in (GOAL, ACHIEVED_GOAL) if key in batch and batch[key].ndim == 1}
         batch = batch | single if single else batch
-    if GOAL in batch or STATE not in batch or "task" not in batch:
-        return batch
-    tasks = {batch["task"]} if isinstance(batch["task"], str) else set(batch["task"])
-    sizes = {tuple(task_dims[task][:2]) for task in tasks if task in task_dims}
-    if len(sizes) != 1:
+    sizes = {tuple(sizes_of(task, task_dims)[:2]) for task in _tasks(batch)}
+    if GOAL in batch or STATE not in batch or len(sizes) != 1:
         return batch
     [(size, goal)] = sizes
     state = batch[STATE]
@@ -45,17 +45,14 @@ def tasks_of(batch: Mapping[str, Any], task_dims: Mapping[str, Sequence[int]]) -
         task_dims: For each task sentence the sizes of observation, goal and action.
 
     Raises:
-        KeyError: A task sentence is unknown, or an observation is missing.
+        KeyError: An observation is missing.
         ValueError: Observations have other sizes than the task's.
     """
     needed = (STATE, GOAL, ACHIEVED_GOAL, "task")
     missing = [key for key in needed if key not in batch]
-    tasks = batch.get("task", ())
-    tasks = [tasks] if isinstance(tasks, str) else list(tasks)
-    for task in tasks:
-        sizes_of(task, task_dims)  # first: without them a robot's state has kept the goals that would be missed
     if missing:
         raise KeyError(f"select_action needs {', '.join(needed)}; the batch lacks {', '.join(missing)}.")
+    tasks = _tasks(batch)
     for task in dict.fromkeys(tasks):
         state, goal, _ = sizes_of(task, task_dims)
         for key, size in ((STATE, state), (GOAL, goal), (ACHIEVED_GOAL, goal)):
@@ -67,3 +64,8 @@ def tasks_of(batch: Mapping[str, Any], task_dims: Mapping[str, Sequence[int]]) -
                     f"got {tuple(batch[key].shape)}."
                 )
     return tasks
+
+
+def _tasks(batch: Mapping[str, Any]) -> list[str]:
+    tasks = batch.get("task", ())
+    return [tasks] if isinstance(tasks, str) else list(tasks)

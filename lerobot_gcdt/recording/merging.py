@@ -13,8 +13,8 @@ from pathlib import Path
 
 import datasets
 import numpy as np
+from lerobot.datasets.aggregate import aggregate_datasets
 from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
-from lerobot.datasets.dataset_tools import merge_datasets
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 from lerobot.utils.constants import DEFAULT_FEATURES
 from tqdm import tqdm
@@ -73,11 +73,8 @@ def merge(roots: Sequence[str | Path], root: str | Path) -> Path:
         ]
         whole = parts / "merged"
         shutil.rmtree(whole, ignore_errors=True)
-        merge_datasets(
-            [LeRobotDataset(f"local/{copy.name}", root=copy, video_backend="pyav") for copy in copies],
-            f"local/{root.name}",
-            whole,
-        )
+        # Not merge_datasets, which opens the result afterwards and looks for a decoder of films.
+        aggregate_datasets([f"local/{copy.name}" for copy in copies], f"local/{root.name}", copies, whole)
         sort_statistics(whole)
         facts = {"merged_from": [json.loads((source / RECORDING_FILE).read_text()) for source in sources]}
         (whole / RECORDING_FILE).write_text(json.dumps(facts, indent=2) + "\n")

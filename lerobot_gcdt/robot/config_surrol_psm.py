@@ -1,11 +1,13 @@
 """Configuration of the simulated arms."""
 
 from dataclasses import dataclass
+from pathlib import Path
 
 from lerobot.robots import RobotConfig
 
 from lerobot_gcdt.errors import OptionError
 from lerobot_gcdt.robot.config_psm import PSMConfig
+from lerobot_gcdt.robot.recorded import recorded_task
 from surrol_gym.display import check_display
 from surrol_gym.registry import env_class
 
@@ -16,6 +18,7 @@ class SurRoLPSMConfig(PSMConfig):
     """Robot type ``surrol_psm``: ``--robot.type=surrol_psm --robot.task=PegTransfer --robot.seed=3``.
 
     Attributes:
+        task: As in ``PSMConfig``. Left out, that of the recording, or NeedlePick.
         seed: Seed of the first episode.
         recording: Folder of a dataset of ``gcdt record``: its episode ``episode`` gives task and seed, and what was
             added to its actions is added again.
@@ -25,9 +28,11 @@ class SurRoLPSMConfig(PSMConfig):
         window: Whether a window shows the scene.
 
     Raises:
-        OptionError: A camera is unknown, a number is out of range, or no window can be opened.
+        OptionError: A camera is unknown, a number is out of range, no window can be opened, or the recording is none,
+            does not tell its seeds, or is of another task.
     """
 
+    task: str = ""
     seed: int = 0
     recording: str = ""
     episode: int = 0
@@ -36,7 +41,12 @@ class SurRoLPSMConfig(PSMConfig):
     window: bool = False
 
     def __post_init__(self) -> None:
+        given, self.task = self.task, self.task or PSMConfig.task
         super().__post_init__()
+        if self.recording:
+            self.task = recorded_task(Path(self.recording))
+            if given and env_class(given) is not env_class(self.task):
+                raise OptionError(f"{self.recording} is of {self.task}, not of {given}; leave out robot.task.")
         if self.seed < 0 or self.episode < 0:
             raise OptionError(f"Seeds and episodes count from 0, got {self.seed} and {self.episode}.")
         known = env_class(self.task).cameras

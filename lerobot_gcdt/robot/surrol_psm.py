@@ -1,6 +1,5 @@
 """The simulated arms of a task as a robot of LeRobot's."""
 
-import json
 import logging
 from pathlib import Path
 from typing import Any
@@ -10,8 +9,6 @@ import numpy as np
 from lerobot.robots import Robot
 from lerobot.utils.decorators import check_if_already_connected, check_if_not_connected
 
-from lerobot_gcdt.errors import OptionError
-from lerobot_gcdt.keys import DISTURBANCE
 from lerobot_gcdt.robot.config_surrol_psm import SurRoLPSMConfig
 from lerobot_gcdt.robot.names import (
     BEGIN,
@@ -21,6 +18,7 @@ from lerobot_gcdt.robot.names import (
     observation_names,
     observation_numbers,
 )
+from lerobot_gcdt.robot.recorded import recorded_episode
 from surrol_gym.envs.goal_env import Observation
 from surrol_gym.envs.psm_env import unwrapped
 from surrol_gym.registry import env_class, find_task
@@ -39,7 +37,7 @@ class SurRoLPSM(Robot):
         config: The configuration.
 
     Raises:
-        OptionError: The recording is none, lacks the episode, does not tell its seed, or is of another task.
+        OptionError: The recording lacks the episode.
     """
 
     config_class = SurRoLPSMConfig
@@ -48,13 +46,10 @@ class SurRoLPSM(Robot):
     def __init__(self, config: SurRoLPSMConfig):
         super().__init__(config)
         self.config = config
-        self._task, self._seed = config.task, config.seed
-        self._disturbance = np.zeros((0, 0), dtype=np.float32)
+        self._seed, self._disturbance = config.seed, np.zeros((0, 0), dtype=np.float32)
         if config.recording:
-            self._task, self._seed, self._disturbance = _recorded(Path(config.recording), config.episode)
-            if config.task != SurRoLPSMConfig.task and env_class(config.task) is not env_class(self._task):
-                raise OptionError(f"{config.recording} is of {self._task}, not of {config.task}; leave out robot.task.")
-        self._class = env_class(self._task)
+            self._seed, self._disturbance = recorded_episode(Path(config.recording), config.episode)
+        self._class = env_class(config.task)
         self._reader = ActionReader(self._class, config.away, config.delta_scale)
         self.cameras: dict[str, None] = dict.fromkeys(config.camera_names())
         """By name; LeRobot's commands count them."""
@@ -87,7 +82,7 @@ class SurRoLPSM(Robot):
     @check_if_already_connected
     def connect(self, calibrate: bool = True) -> None:
         """Makes the scene and begins an episode."""
-        self._env = gym.make(find_task(self._task), render_mode="human" if self.config.window else None)
+        self._env = gym.make(find_task(self.config.task), render_mode="human" if self.config.window else None)
         self._begin()
 
     def calibrate(self) -> None:
@@ -157,20 +152,3 @@ class SurRoLPSM(Robot):
                 "%s, seed %d: %d steps, the goal %s, %s at the end.",
                 *(self._class.task, self._seed, self._steps, reached, held),
             )
-
-
-def _recorded(root: Path, episode: int) -> tuple[str, int, np.ndarray]:
-    """Returns task and seed of a recorded episode, and what was added to its actions, (T, A)."""
-    from lerobot_gcdt.data.columns import read_columns  # both are slow to load, and seldom needed
-    from lerobot_gcdt.recording.demonstrations import RECORDING_FILE
-
-    note = root / RECORDING_FILE
-    if not note.exists():
-        raise OptionError(f"{root} is no dataset of `gcdt record`: there is no {note}.")
-    facts = json.loads(note.read_text())
-    if "seeds" not in facts:
-        raise OptionError(f"{root} does not tell the seeds of its episodes; only recordings of one task do.")
-    if episode >= len(facts["seeds"]):
-        raise OptionError(f"{root} holds {len(facts['seeds'])} episodes, counted from 0; there is no {episode}.")
-    columns = read_columns(root, (DISTURBANCE, "episode_index"))
-    return facts["env_id"], facts["seeds"][episode], columns[DISTURBANCE][columns["episode_index"] == episode]

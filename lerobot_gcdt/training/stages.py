@@ -18,6 +18,7 @@ from lerobot.utils.device_utils import is_torch_device_available
 from lerobot.utils.import_utils import register_third_party_plugins
 
 from lerobot_gcdt.locking import alone_in
+from lerobot_gcdt.training.beginnings import BEGINNING_FILE, check_same_beginning
 from lerobot_gcdt.training.learned_data import DATASETS_FILE, fingerprint, noted_datasets
 from lerobot_gcdt.training.outputs import LOSS_FILE, checkpoint, existing_checkpoint, trainer_folder
 from lerobot_gcdt.training.whole_data import check_whole
@@ -112,8 +113,8 @@ def train(
         FileNotFoundError: There is no dataset, no checkpoint to start from, or no such launcher.
         ValueError: The dataset is not whole, the device, the policy or the stage is unknown, they do not go together,
             the steps have to be said, an option is one that is set here or that LeRobot or the policy refuses, or the
-            output folder holds something else, a training on other data or with other settings, or of the last
-            checkpoint a copy instead of the link to it or no training state.
+            output folder holds something else, a training on other data, of another stage, from another start or with
+            other settings, or of the last checkpoint a copy instead of the link to it or no training state.
         OSError: Another process trains in the output folder.
         RuntimeError: The launcher ended with an error.
     """
@@ -128,7 +129,8 @@ def train(
             raise ValueError(f"{start} is a policy of type {found}, not {policy}.")
         policy = found
     policy = policy or "gcdt"
-    settings = recipe(policy, stage or ("finetune" if start else "scratch"), start)
+    stage = stage or ("finetune" if start else "scratch")
+    settings = recipe(policy, stage, start)
     steps = steps_to_train(policy, settings, steps)
     for chosen in (device, parse_arg("policy.device", options)):
         if chosen:
@@ -153,12 +155,12 @@ def train(
     with alone_in(there.with_name(f"{there.name}.training"), "--output"):
         with alone_in(trainer_folder(output), "--output"):
             pass  # a trainer may go on after the command that launched it was killed
-        arguments = _arguments_to_reach(steps, output, beginning, policy, dataset, options)
+        arguments = _arguments_to_reach(steps, output, beginning, policy, dataset, stage, start, options)
         if arguments is None:
             print(f"{output} is complete already.")
         else:
             print("lerobot-train \\\n  " + " \\\n  ".join(map(shlex.quote, arguments)), flush=True)
-            _run(arguments, output / LOSS_FILE, launcher)
+            _run(arguments, output / LOSS_FILE, stage, launcher)
     return checkpoint(output)
 
 
@@ -169,7 +171,14 @@ def _short_average(policy: str, steps: int) -> list[str]:
 
 
 def _arguments_to_reach(
-    steps: int, output: Path, beginning: list[str], policy: str, dataset: Path, options: Sequence[str]
+    steps: int,
+    output: Path,
+    beginning: list[str],
+    policy: str,
+    dataset: Path,
+    stage: str,
+    start: Path | None,
+    options: Sequence[str],
 ) -> list[str] | None:
     """Arguments that begin a training or go on with it; None where nothing is left to do."""
     checkpoints = output / "checkpoints"
@@ -199,6 +208,7 @@ def _arguments_to_reach(
     before = noted_datasets(output).get(dataset.name) or fingerprint(Path(settings["dataset"]["root"] or dataset))
     if before and before != fingerprint(dataset):
         raise ValueError(f"{output} holds a training on other data than those in {dataset}; choose another --output.")
+    check_same_beginning(output, stage, start)
     if options:
         from lerobot_gcdt.training.trainer import check_same_settings  # here, for the reason in _run
 
@@ -285,7 +295,7 @@ def _is_leftover(file: Path) -> bool:
     if file.name == "checkpoints":
         parts = [part.name for part in file.iterdir()]
         return len(parts) <= 1 and all(map(str.isdigit, parts))
-    return file.name in (LOSS_FILE, DATASETS_FILE)
+    return file.name in (LOSS_FILE, DATASETS_FILE, BEGINNING_FILE)
 
 
 def _is_whole(saved: Path) -> bool:
@@ -296,13 +306,13 @@ def _is_whole(saved: Path) -> bool:
     return not json.loads(config.read_text())["scheduler"] or (state / "scheduler_state.json").exists()
 
 
-def _run(arguments: Sequence[str], losses: Path, launcher: str | None) -> None:
+def _run(arguments: Sequence[str], losses: Path, stage: str, launcher: str | None) -> None:
     if launcher is None:
         from lerobot_gcdt.training.trainer import run  # here, because a launcher has to be the first to import it
 
-        run(arguments, losses)
+        run(arguments, losses, stage)
         return
-    command = [*shlex.split(launcher), "lerobot_gcdt.training.trainer", str(losses), *arguments]
+    command = [*shlex.split(launcher), "lerobot_gcdt.training.trainer", str(losses), stage, *arguments]
     # Threads that wait busily for each other make a training beside other work take up to 40 times as long.
     status = subprocess.run(command, env={"OMP_WAIT_POLICY": "passive"} | os.environ).returncode
     if status:

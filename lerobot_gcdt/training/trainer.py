@@ -1,6 +1,6 @@
 """LeRobot's trainer, with its losses in a file; also what a launcher runs, in one process or several:
 
-accelerate launch --num_processes=4 -m lerobot_gcdt.training.trainer LOSS_FILE ARGUMENTS_OF_LEROBOT_TRAIN
+accelerate launch --num_processes=4 -m lerobot_gcdt.training.trainer LOSS_FILE STAGE ARGUMENTS_OF_LEROBOT_TRAIN
 """
 
 import io
@@ -21,6 +21,7 @@ from lerobot.scripts import lerobot_train
 from lerobot.utils.logging_utils import MetricsTracker
 
 from lerobot_gcdt.locking import alone_in
+from lerobot_gcdt.training.beginnings import beginning, note_beginning
 from lerobot_gcdt.training.learned_data import fingerprint, note_datasets
 from lerobot_gcdt.training.outputs import loss_curve, trainer_folder, training_seconds
 
@@ -35,16 +36,17 @@ MAY_CHANGE = (
 """What settings begin with that have no part in what is learned: a training may go on with others."""
 
 CHECKPOINT = "Checkpoint policy after step"
-"""What LeRobot logs before it writes a checkpoint; were it not found, other data would not be noticed."""
+"""What LeRobot logs before it writes a checkpoint; were it not found, other data or stages would not be noticed."""
 
 
-def run(arguments: Sequence[str], losses: Path) -> None:
-    """Runs `lerobot-train` in this process, and notes beside the first checkpoint which data it learns from.
+def run(arguments: Sequence[str], losses: Path, stage: str) -> None:
+    """Runs `lerobot-train` in this process, and notes beside the first checkpoint its data and what it began with.
 
     Args:
         arguments: Of `lerobot-train`, with ``--dataset.root=FOLDER``.
         losses: File that a row is added to whenever LeRobot logs (``lerobot_gcdt.training.outputs.LOSS_FILE``); only
             one of several processes does.
+        stage: The stage of the training, which is noted.
 
     Raises:
         ValueError: LeRobot or the policy refuses an option after the command line was read.
@@ -55,6 +57,8 @@ def run(arguments: Sequence[str], losses: Path) -> None:
     begun = _clocks()
     dataset = Path(parser.parse_arg("dataset.root", arguments))
     data = {dataset.name: fingerprint(dataset)}
+    goes_on = parser.parse_arg("resume", arguments)
+    begins = None if goes_on else beginning(stage, parser.parse_arg("policy.path", arguments))
 
     def keep_row(message: logging.LogRecord) -> bool:
         nonlocal begun
@@ -70,6 +74,8 @@ def run(arguments: Sequence[str], losses: Path) -> None:
             begun = _clocks()
         elif str(message.msg).startswith(CHECKPOINT):
             note_datasets(losses.parent, data)
+            if begins:
+                note_beginning(losses.parent, begins)
         return True
 
     logger = logging.getLogger()
@@ -156,10 +162,10 @@ def _command_line(arguments: Sequence[str]) -> Iterator[None]:
 
 def main() -> None:
     """Runs what the command line says, in one process or several, the first of which keeps other trainers out."""
-    losses = Path(sys.argv[1])
+    losses, stage, *arguments = sys.argv[1:]
     first = os.environ.get("RANK", "0") == "0"
-    with alone_in(trainer_folder(losses.parent), "--output") if first else nullcontext():
-        run(sys.argv[2:], losses)
+    with alone_in(trainer_folder(Path(losses).parent), "--output") if first else nullcontext():
+        run(arguments, Path(losses), stage)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Is a dataset whole and readable?"""
+"""Is a dataset whole?"""
 
 import json
 from collections.abc import Iterable
@@ -12,7 +12,7 @@ LEROBOTS_FILES = (INFO_FILE, "meta/stats.json", "meta/tasks.parquet")
 
 
 def check_whole(root: Path) -> None:
-    """Raises ValueError, with the name of what is wrong, unless a dataset is whole and readable; films are not read."""
+    """Raises ValueError, with the name of what is wrong, unless a dataset is whole; frames and films are not read."""
     check_files(root, LEROBOTS_FILES)
     info = read_json(root / INFO_FILE)
     if info.get("codebase_version") != CODEBASE_VERSION:
@@ -42,6 +42,6 @@ def read_json(file: Path) -> dict:
 
 def _rows(file: Path) -> int:
     try:
-        return len(pq.read_table(file))
+        return pq.read_metadata(file).num_rows  # in the file's last bytes, which a truncated one lacks
     except (ValueError, OSError) as error:
         raise ValueError(f"{file} cannot be read: {error}") from error

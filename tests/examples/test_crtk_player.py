@@ -258,6 +258,13 @@ def test_a_bad_speed_is_an_error_that_names_it(robot, file, run_example, capsys,
     assert robot.commands == []
 
 
+@pytest.mark.parametrize("name", ["crtk", "dvrk", "PyKDL"])
+def test_without_ros_it_says_what_to_build_and_source(robot, file, run_example, monkeypatch, name):
+    monkeypatch.setitem(sys.modules, name, None)
+    with pytest.raises(SystemExit, match=f"{name}.*: build the dVRK's ROS 2 workspace .* source its setup.bash"):
+        run_example("crtk_player", file, "--speed=0.5")
+
+
 def test_a_dry_run_needs_no_ros_and_prints_what_would_be_sent(file, trajectory, run_example, monkeypatch):
     for name in ("crtk", "dvrk", "PyKDL"):
         monkeypatch.setitem(sys.modules, name, None)

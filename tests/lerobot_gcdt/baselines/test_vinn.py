@@ -68,15 +68,28 @@ def test_the_goal_tells_frames_apart(policy):
 def test_the_choice_has_the_smallest_error_with_the_own_episode_left_out(policy, needle_pick_meta):
     every = {"index": torch.arange(needle_pick_meta.total_frames)}
     chosen = policy.forward(every)[0].item()
-    assert policy.config.neighbours in NEIGHBOURS and policy.config.temperature in TEMPERATURES
+    assert policy.neighbours in NEIGHBOURS and any(map(policy.temperature.isclose, map(torch.tensor, TEMPERATURES)))
     for count, temperature in ((1, 1.0), (64, 3.0), (4, 0.03)):
         other = make(needle_pick_meta, neighbours=count, temperature=temperature)
         assert other.forward(every)[0].item() >= chosen - 1e-7
 
 
 def test_what_is_said_is_not_chosen(needle_pick_meta):
-    config = make(needle_pick_meta, neighbours=5).config
-    assert config.neighbours == 5 and config.temperature in TEMPERATURES
+    assert make(needle_pick_meta, neighbours=5).neighbours == 5
+    assert make(needle_pick_meta, temperature=0.2).temperature.item() == pytest.approx(0.2)
+
+
+def test_the_configuration_stays_as_it_was_asked_for(policy):
+    assert (policy.config.neighbours, policy.config.temperature) == (0, 0.0)
+
+
+def test_a_policy_that_was_saved_with_its_choice_in_the_configuration_acts_the_same(policy, tmp_path):
+    observed = frames(policy, 3, 90, 150)
+    action = policy.select_action(observed)
+    policy.config.neighbours = int(policy.neighbours)
+    del policy.neighbours
+    policy.save_pretrained(tmp_path)
+    assert torch.equal(VINNPolicy.from_pretrained(tmp_path).select_action(observed), action)
 
 
 # The trainer.

@@ -1,5 +1,6 @@
 """Merging: padded vectors, natural sizes in the metadata, nothing lost, bad input refused."""
 
+import importlib.util
 import json
 import shutil
 
@@ -66,7 +67,7 @@ def test_an_interrupted_merge_goes_on_and_ends_the_same(uneven_root, needle_pick
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr(merging, "merge_datasets", fail)
+        patch.setattr(merging, "aggregate_datasets", fail)
         with pytest.raises(KeyboardInterrupt):
             merge([needle_pick_root, reach], tmp_path / "uneven")
     assert not (tmp_path / "uneven").exists()
@@ -74,6 +75,13 @@ def test_an_interrupted_merge_goes_on_and_ends_the_same(uneven_root, needle_pick
     again, once = columns(tmp_path / "uneven"), columns(uneven_root)
     assert all(np.array_equal(again[key], once[key]) for key in once)
     assert [path.name for path in tmp_path.iterdir()] == ["uneven"]
+
+
+def test_no_decoder_of_films_is_missed(needle_pick_root, needle_reach_root, tmp_path, monkeypatch, caplog):
+    find_spec = importlib.util.find_spec
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None if name == "torchcodec" else find_spec(name))
+    merge([needle_pick_root, needle_reach_root], tmp_path / "merged")
+    assert "torchcodec" not in caplog.text
 
 
 def without(root, column, copy):
@@ -119,7 +127,7 @@ def test_copies_of_an_interrupted_merge_are_made_again_when_the_dataset_was_reco
 
     reach = record("NeedleReach", 1, 0, tmp_path / "reach")
     with monkeypatch.context() as patch:
-        patch.setattr("lerobot_gcdt.recording.merging.merge_datasets", fail)
+        patch.setattr("lerobot_gcdt.recording.merging.aggregate_datasets", fail)
         with pytest.raises(KeyboardInterrupt):
             merge([needle_pick_root, reach], tmp_path / "merged")
     shutil.rmtree(reach)

@@ -195,14 +195,15 @@ def test_an_episode_that_is_not_there_is_named(disturbed_root):
         make_robot_from_config(SurRoLPSMConfig(recording=str(disturbed_root), episode=2))
 
 
-def test_a_recording_of_another_task_is_named(disturbed_root):
-    with pytest.raises(ValueError, match="not of PegTransfer; leave out robot.task"):
-        make_robot_from_config(SurRoLPSMConfig(task="PegTransfer", recording=str(disturbed_root)))
+@pytest.mark.parametrize("task", ["PegTransfer", "NeedlePick"], ids=["another", "the one without a recording"])
+def test_a_recording_of_another_task_is_named(disturbed_root, task):
+    with pytest.raises(OptionError, match=f"is of surrol/NeedleReach-v0, not of {task}; leave out robot.task"):
+        SurRoLPSMConfig(task=task, recording=str(disturbed_root))
 
 
 def test_a_folder_without_a_recording_is_named(tmp_path):
-    with pytest.raises(ValueError, match="no dataset of `gcdt record`"):
-        make_robot_from_config(SurRoLPSMConfig(recording=str(tmp_path)))
+    with pytest.raises(OptionError, match="no dataset of `gcdt record`"):
+        SurRoLPSMConfig(recording=str(tmp_path))
 
 
 def test_an_action_of_another_robot_is_refused_with_the_names_that_are_known(robot):

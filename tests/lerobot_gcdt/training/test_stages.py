@@ -27,7 +27,7 @@ def train(command):
 def asked(monkeypatch):
     """The arguments of every call of `lerobot-train`, which is not run."""
     calls = []
-    monkeypatch.setattr(trainer, "run", lambda arguments, losses: calls.append(arguments))
+    monkeypatch.setattr(trainer, "run", lambda arguments, losses, stage: calls.append(arguments))
     return calls
 
 
@@ -94,6 +94,13 @@ def test_a_complete_training_is_not_repeated(trained, uneven_root, asked, capsys
     assert last == checkpoint(trained / "pretrain")
     assert "pretrain is complete already" in capsys.readouterr().out
     assert not asked
+
+
+def test_what_a_policy_chose_itself_is_no_other_setting(needle_pick_root, train, tmp_path, capsys):
+    options = ["--policy.neighbours=0", "--policy.temperature=0.0", "--policy.device=cpu"]
+    for _ in range(2):
+        train(needle_pick_root, tmp_path / "new", "vinn", options=options)
+    assert "new is complete already" in capsys.readouterr().out
 
 
 def test_a_training_goes_on_even_where_it_and_its_data_were_moved(trained, uneven_root, train, tmp_path):
@@ -210,7 +217,8 @@ def test_what_ended_before_its_first_checkpoint_begins_anew(needle_pick_root, tm
     output = tmp_path / "new"
     (output / "checkpoints/000500").mkdir(parents=True)
     (output / "loss.csv").write_text("step,loss\n12,0.5\n")
-    (output / "datasets.json").write_text("{}")
+    for note in ("datasets.json", "beginning.json"):
+        (output / note).write_text("{}")
     training.train(needle_pick_root, output)
     assert "--policy.type=gcdt" in asked[0]
     assert not output.exists()
@@ -253,6 +261,38 @@ def test_data_that_replaced_others_in_place_are_refused(trained, uneven_root, ne
     (output / "datasets.json").unlink()  # as in a training of an earlier version
     training.train(dataset, output, stage="pretrain", steps=3)
     assert len(asked) == 2
+
+
+@pytest.mark.parametrize("steps", [1, 2])
+@pytest.mark.parametrize(
+    ("folder", "stage", "start", "told"),
+    [
+        ("pretrain", "scratch", None, r"begun with --stage pretrain \(not scratch\); choose another --output"),
+        ("finetune", None, None, r"begun with --stage finetune \(not scratch\)"),
+        ("generalist", "finetune", "pretrain", r"begun with --stage generalist \(not finetune\)"),
+        ("finetune", "finetune", "pretrain", "begun with other weights than those in .*pretrain.*; choose another"),
+    ],
+)
+def test_another_stage_or_start_in_an_existing_folder_is_refused(
+    trained, uneven_root, needle_pick_root, asked, folder, stage, start, told, steps
+):
+    dataset = needle_pick_root if folder == "finetune" else uneven_root
+    with pytest.raises(ValueError, match=told):
+        training.train(dataset, trained / folder, stage=stage, start=start and trained / start, steps=steps)
+    assert not asked
+
+
+def test_a_start_that_was_moved_is_the_same(trained, needle_pick_root, asked, tmp_path):
+    shutil.copytree(checkpoint(trained / "generalist"), moved := tmp_path / "moved")
+    training.train(needle_pick_root, trained / "finetune", start=moved, steps=2)
+    assert len(asked) == 1
+
+
+def test_a_training_of_an_earlier_version_goes_on_without_a_note_of_its_stage(trained, uneven_root, asked, tmp_path):
+    shutil.copytree(trained / "pretrain", output := tmp_path / "copied", symlinks=True)
+    (output / "beginning.json").unlink()
+    training.train(uneven_root, output, steps=3)
+    assert len(asked) == 1
 
 
 @pytest.mark.parametrize("steps", [2, 3])
@@ -369,5 +409,5 @@ def test_a_launcher_runs_the_same_trainer(needle_pick_root, tmp_path, asked, mon
         training.train(needle_pick_root, tmp_path / "new", launcher="accelerate launch --num_processes=4 -m")
     [(command, environment)] = launched
     launcher = ["accelerate", "launch", "--num_processes=4", "-m"]
-    assert command == [*launcher, trainer.__name__, str(tmp_path / "new/loss.csv"), *asked[0]]
+    assert command == [*launcher, trainer.__name__, str(tmp_path / "new/loss.csv"), "scratch", *asked[0]]
     assert environment["OMP_WAIT_POLICY"] == "passive"

@@ -28,7 +28,7 @@ class Training:
     def run(self, steps, device="cpu", checkpoint=None):
         """Trains and keeps a checkpoint; without one an interruption loses what was done."""
         self.steps, self.device = steps, SimpleNamespace(type=device)
-        trainer.run(["--dataset.root=none"], self.output / "loss.csv")
+        trainer.run(["--dataset.root=none"], self.output / "loss.csv", "scratch")
         if checkpoint:
             saved = self.output / f"checkpoints/{checkpoint:06d}"
             save_training_step(checkpoint, saved / "training_state")
@@ -108,6 +108,6 @@ def test_a_launched_process_ends_with_one_line_about_an_option_that_the_policy_r
         raise OptionError("policy.layers must be positive, got 0.")
 
     monkeypatch.setattr(lerobot_train, "main", main)
-    monkeypatch.setattr(sys, "argv", [trainer.__file__, str(tmp_path / "loss.csv"), "--dataset.root=none"])
+    monkeypatch.setattr(sys, "argv", [trainer.__file__, str(tmp_path / "loss.csv"), "scratch", "--dataset.root=none"])
     with pytest.raises(SystemExit, match=r"^lerobot-train: policy.layers must be positive, got 0.$"):
         runpy.run_path(trainer.__file__, run_name="__main__")
