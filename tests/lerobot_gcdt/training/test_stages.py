@@ -385,12 +385,12 @@ def test_a_launched_trainer_keeps_others_out_even_if_its_command_was_killed(
 ):
     refused = []
 
-    def begin_again(arguments, losses):
+    def begin_again(arguments, losses, stage):
         with pytest.raises(OSError, match="at work in .*new.trainer; wait for its end") as error:
             training.train(needle_pick_root, tmp_path / "new")
         refused.append(error)
 
-    monkeypatch.setattr(sys, "argv", ["trainer", str(tmp_path / "new/loss.csv")])
+    monkeypatch.setattr(sys, "argv", ["trainer", str(tmp_path / "new/loss.csv"), "scratch"])
     with monkeypatch.context() as launched:
         launched.setattr(trainer, "run", begin_again)
         trainer.main()
