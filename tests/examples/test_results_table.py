@@ -76,7 +76,11 @@ def test_a_benchmark_is_taken_over_once(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize(
     ("columns", "told"),
-    [({"demonstrations": [50, 100]}, "several numbers of demonstrations"), ({"delay": 1}, "imperfect sensors")],
+    [
+        ({"demonstrations": [50, 100]}, "several numbers of demonstrations"),
+        ({"delay": 1}, "imperfect sensors"),
+        ({"method": ["scratch", "gcdt"]}, "methods called gcdt; the tables have generalist"),
+    ],
 )
 def test_a_benchmark_that_is_of_no_protocol_is_refused(tmp_path, monkeypatch, columns, told):
     add = TABLE["add"]
