@@ -9,6 +9,7 @@ from lerobot_gcdt import SurRoLEnvConfig, training
 from lerobot_gcdt.evaluation import evaluate, load_policy
 from lerobot_gcdt.keys import ACHIEVED_GOAL, ENVIRONMENT_STATE, GOAL, STATE
 from lerobot_gcdt.training.stages import RECIPES
+from surrol_gym.tasks.needle_reach import NeedleReachEnv
 
 
 @pytest.fixture(scope="module", params=["bc", "dt", "vinn", "iql", "plas", "act", "diffusion"])
@@ -28,8 +29,8 @@ def test_the_goal_decides_what_it_does(policy):
     def act(goal):
         policy.reset()
         torch.manual_seed(0)
-        batch = {STATE: state, GOAL: goal, ENVIRONMENT_STATE: goal, ACHIEVED_GOAL: torch.zeros(1, 3), "task": ["any"]}
-        return policy.select_action(batch)
+        seen = {STATE: state, GOAL: goal, ENVIRONMENT_STATE: goal, ACHIEVED_GOAL: torch.zeros(1, 3)}
+        return policy.select_action(seen | {"task": [NeedleReachEnv.task_description]})
 
     blind = policy.config.type == "dt"  # unless it is asked for
     assert torch.equal(act(goal), act(goal + 1.0)) == blind
