@@ -34,8 +34,6 @@ METHODS = {
     "clock": "told its time-to-goal",
     "context_100": "100 steps of context",
     "last": "last weights",
-    "absolute": "goal alone",
-    "hindsight": "half relabelled",
 }
 """The methods in the order of their columns, and what they are called there."""
 
