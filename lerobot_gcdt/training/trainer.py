@@ -18,6 +18,7 @@ from lerobot.common.train_utils import load_training_step
 from lerobot.configs import parser
 from lerobot.configs.train import TrainPipelineConfig
 from lerobot.scripts import lerobot_train
+from lerobot.utils.import_utils import get_safe_default_video_backend
 from lerobot.utils.logging_utils import MetricsTracker
 
 from lerobot_gcdt.locking import alone_in
@@ -37,6 +38,9 @@ MAY_CHANGE = (
 
 CHECKPOINT = "Checkpoint policy after step"
 """What LeRobot logs before it writes a checkpoint; were it not found, other data or stages would not be noticed."""
+
+DECODERS = logging.getLogger(get_safe_default_video_backend.__module__)
+"""Tells in a hundred lines that FFmpeg is missing, twice a training, whether or not a dataset has films."""
 
 
 def run(arguments: Sequence[str], losses: Path, stage: str) -> None:
@@ -150,6 +154,8 @@ def _command_line(arguments: Sequence[str]) -> Iterator[None]:
     sentence that come while it reads the command line, not those that come later, from a checkpoint's or a policy.
     """
     before, sys.argv = sys.argv, ["lerobot-train", *arguments]
+    level = DECODERS.level
+    DECODERS.setLevel(logging.ERROR)
     try:
         yield
     except DecodingError as error:
@@ -158,6 +164,7 @@ def _command_line(arguments: Sequence[str]) -> Iterator[None]:
         raise ValueError(str(error.__cause__ or error)) from error
     finally:
         sys.argv = before
+        DECODERS.setLevel(level)
 
 
 def main() -> None:

@@ -10,6 +10,7 @@ from types import SimpleNamespace
 import pytest
 from lerobot.common.train_utils import save_training_step, update_last_checkpoint
 from lerobot.scripts import lerobot_train
+from lerobot.utils.import_utils import get_safe_default_video_backend
 from lerobot.utils.logging_utils import AverageMeter, MetricsTracker
 
 from lerobot_gcdt.errors import OptionError
@@ -111,3 +112,11 @@ def test_a_launched_process_ends_with_one_line_about_an_option_that_the_policy_r
     monkeypatch.setattr(sys, "argv", [trainer.__file__, str(tmp_path / "loss.csv"), "scratch", "--dataset.root=none"])
     with pytest.raises(SystemExit, match=r"^lerobot-train: policy.layers must be positive, got 0.$"):
         runpy.run_path(trainer.__file__, run_name="__main__")
+
+
+def test_missing_decoders_of_films_are_not_told(monkeypatch, caplog):
+    monkeypatch.setitem(sys.modules, "torchcodec", None)
+    trainer.check_options(["--policy.type=gcdt", "--policy.push_to_hub=false", "--dataset.repo_id=any"])
+    assert "torchcodec" not in caplog.text
+    get_safe_default_video_backend()
+    assert "torchcodec" in caplog.text
