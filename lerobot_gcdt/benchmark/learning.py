@@ -106,7 +106,7 @@ class Benchmark:
         methods: As ``lerobot_gcdt.benchmark.methods.parse_method`` takes them.
         seeds: Seeds of the trainings.
         steps: Optimiser steps of the methods that do not say their own; None for those of
-            ``lerobot_gcdt.training.stages.RECIPES``.
+            ``lerobot_gcdt.training.recipes.RECIPES``.
         points: Checkpoints of each training that are evaluated, at equal distances up to its end.
         starts: Seeds of the starts that each is evaluated from. Demonstrations count up from 0; those from 100000 on
             are for reporting.

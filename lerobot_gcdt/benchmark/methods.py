@@ -6,7 +6,8 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 from lerobot_gcdt.training.outputs import existing_checkpoint
-from lerobot_gcdt.training.stages import SET_HERE, policy_type, recipe, refuse_options, steps_to_train
+from lerobot_gcdt.training.recipes import recipe, steps_to_train
+from lerobot_gcdt.training.stages import SET_HERE, policy_type, refuse_options
 from lerobot_gcdt.training.trainer import check_options
 
 OWN = ("steps", "start", "dataset")
@@ -60,7 +61,7 @@ def parse_method(text: str, points: int, steps: int | None = None, options: Iter
             such as ``long=gcdt --policy.context_length=100 --steps=8000``. Beside options of `lerobot-train` it may
             hold ``--steps``, ``--start`` and ``--dataset`` (``Method``).
         points: Checkpoints that are evaluated; of a recipe with fewer steps, as many as these.
-        steps: Steps where the text says none; None for those of ``lerobot_gcdt.training.stages.RECIPES``.
+        steps: Steps where the text says none; None for those of ``lerobot_gcdt.training.recipes.RECIPES``.
         options: Arguments of `lerobot-train` for all methods; those of the text win.
 
     Returns:

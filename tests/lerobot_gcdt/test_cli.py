@@ -17,7 +17,7 @@ import gcdt_cli as cli
 from lerobot_gcdt import GENERALIST
 from lerobot_gcdt.recording.features import Extras
 from lerobot_gcdt.recording.fields import FIELDS
-from lerobot_gcdt.training.stages import STAGES
+from lerobot_gcdt.training.recipes import STAGES
 
 GCDT = Path(sys.executable).parent / "gcdt"
 

@@ -8,7 +8,7 @@ import torch
 from lerobot_gcdt import SurRoLEnvConfig, training
 from lerobot_gcdt.evaluation import evaluate, load_policy
 from lerobot_gcdt.keys import ACHIEVED_GOAL, ENVIRONMENT_STATE, GOAL, STATE
-from lerobot_gcdt.training.stages import RECIPES
+from lerobot_gcdt.training.recipes import RECIPES
 from surrol_gym.tasks.needle_reach import NeedleReachEnv
 
 

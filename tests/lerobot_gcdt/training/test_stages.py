@@ -11,8 +11,8 @@ from safetensors.torch import load_file
 
 from lerobot_gcdt import training
 from lerobot_gcdt.policy.objectives import OBJECTIVES
-from lerobot_gcdt.training import checkpoint, loss_curve, stages, trainer
-from lerobot_gcdt.training.stages import RECIPES
+from lerobot_gcdt.training import checkpoint, loss_curve, recipes, trainer
+from lerobot_gcdt.training.recipes import RECIPES
 
 TINY = ["--policy.layers=1", "--policy.width=16", "--policy.heads=2", "--policy.inner_width=16"]
 
@@ -371,7 +371,7 @@ def test_a_value_may_read_like_an_option_that_is_set_here(needle_pick_root, tmp_
 def test_a_package_that_a_policy_needs_is_named_before_anything_is_written(
     needle_pick_root, tmp_path, asked, monkeypatch
 ):
-    monkeypatch.setattr(stages, "find_spec", lambda package: None)
+    monkeypatch.setattr(recipes, "find_spec", lambda package: None)
     with pytest.raises(ValueError, match=r"diffusion needs diffusers, .* `pip install 'lerobot\[diffusion\]'`"):
         training.train(needle_pick_root, tmp_path / "new", "diffusion")
     assert not asked and not list(tmp_path.iterdir())
