@@ -15,10 +15,9 @@ from pathlib import Path
 import pandas as pd
 
 import surrol_gym
-from lerobot_gcdt.benchmark.report import plot_bars, success_latex, success_rates
+from lerobot_gcdt.benchmark.report import in_order, plot_bars, sensor_columns, success_latex, success_rates
 from lerobot_gcdt.evaluation.checkpoints import keep_episodes
 from lerobot_gcdt.hub.documents import write_section
-from surrol_gym.wrappers import IDEAL
 
 ROOT = Path(__file__).parent.parent
 EPISODES = ROOT / "examples/paper_table/episodes.parquet"
@@ -34,6 +33,7 @@ METHODS = {
     "clock": "told its time-to-goal",
     "context_100": "100 steps of context",
     "last": "last weights",
+    "spread": "spread starts",
 }
 """The methods in the order of their columns, and what they are called there."""
 
@@ -58,10 +58,7 @@ def protocols() -> Iterator[tuple[str, pd.DataFrame]]:
     ablated = set(episodes.task[episodes.protocol == "ablation"])
     base = (episodes.protocol == "published-100") & (episodes.method == "scratch") & episodes.task.isin(ablated)
     episodes = pd.concat([episodes, episodes[base].assign(protocol="ablation")])
-    for column, order in (("task", list(surrol_gym.TASKS)), ("method", list(METHODS))):
-        episodes[column] = pd.Categorical(episodes[column], order)
-    episodes = episodes.sort_values(["task", "method"], kind="stable").astype({"task": str, "method": str})
-    for protocol, rows in episodes.groupby("protocol"):
+    for protocol, rows in in_order(episodes, [*METHODS]).groupby("protocol"):
         yield protocol, success_rates(rows)
 
 
@@ -119,7 +116,7 @@ def add(benchmark: Path, protocol: str) -> None:
         )
     if (rows.groupby(["method", "task"]).demonstrations.nunique() > 1).any():
         raise ValueError(f"{benchmark} compares several numbers of demonstrations; a protocol is for one.")
-    if set(IDEAL) & set(rows):
+    if sensor_columns(rows):
         raise ValueError(f"{benchmark} is of imperfect sensors; the protocols are for perfect ones.")
     last = rows.groupby(["method", "task", "training_seed"]).step.transform("max")
     rows = rows[rows.step == last].assign(protocol=protocol)

@@ -14,11 +14,9 @@ from pathlib import Path
 
 import pandas as pd
 
-import surrol_gym
-from lerobot_gcdt.benchmark.report import plot_success, success_rates, success_table
+from lerobot_gcdt.benchmark.report import in_order, plot_success, sensor_columns, success_rates, success_table
 from lerobot_gcdt.evaluation.checkpoints import keep_episodes
 from lerobot_gcdt.hub.documents import write_section
-from surrol_gym.wrappers import IDEAL
 
 ROOT = Path(__file__).parent.parent
 STUDIES, RESULTS = ROOT / "examples/paper_table", ROOT / "docs/results.md"
@@ -35,7 +33,7 @@ def add(benchmark: Path, study: str) -> None:
         ValueError: They are of imperfect sensors.
     """
     rows = pd.read_parquet(benchmark / "episodes.parquet")
-    if set(IDEAL) & set(rows):
+    if sensor_columns(rows):
         raise ValueError(f"{benchmark} is of imperfect sensors; the studies are of perfect ones.")
     keep_episodes(STUDIES / f"{study}.parquet", rows.loc[rows.seed.isin(STARTS), COLUMNS], KEY)
 
@@ -43,10 +41,8 @@ def add(benchmark: Path, study: str) -> None:
 def rates_of(study: str) -> pd.DataFrame:
     """Returns the success rates of a study, tasks in their usual order, methods in that of their arrival."""
     episodes = pd.read_parquet(STUDIES / f"{study}.parquet")
-    for column, order in (("task", list(surrol_gym.TASKS)), ("method", list(episodes.method.unique()))):
-        episodes[column] = pd.Categorical(episodes[column], order)
-    episodes = episodes.sort_values(["task", "method", "demonstrations", "step"], kind="stable")
-    return success_rates(episodes.astype({"task": str, "method": str}))
+    methods = [*episodes.method.unique()]
+    return success_rates(in_order(episodes.sort_values(["demonstrations", "step"], kind="stable"), methods))
 
 
 def main() -> None:

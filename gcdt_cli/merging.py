@@ -24,4 +24,5 @@ def run(options: argparse.Namespace) -> None:
     from lerobot_gcdt.recording import merge
 
     facts = json.loads((merge(options.datasets, options.root) / "meta/info.json").read_text())
-    print(f"{options.root}: {facts['total_episodes']} episodes of {facts['total_tasks']} tasks")
+    tasks = facts["total_tasks"]
+    print(f"{options.root}: {facts['total_episodes']} episodes of {tasks} task{'s' if tasks > 1 else ''}")

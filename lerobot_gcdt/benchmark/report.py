@@ -1,5 +1,6 @@
 """The tables and the figures of a benchmark of learning, from its episodes."""
 
+from collections.abc import Sequence
 from math import ceil
 from pathlib import Path
 from typing import Any
@@ -10,11 +11,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure  # without pyplot: the backend of a notebook or a script stays as it is
 from matplotlib.ticker import LogLocator, NullFormatter
 
+import surrol_gym
 from lerobot_gcdt.evaluation.statistics import trainings_interval
+from surrol_gym.wrappers import IDEAL
 
 FIGURES = ("held", "reached")
 POINT = ["task", "method", "demonstrations", "step"]
-"""Columns that tell the points of trainings apart, where their seeds do not count."""
+"""Columns that tell the points of trainings apart, where their seeds do not count; beside them those of ``IDEAL``."""
 
 COLOURS = (
     *("#24557a", "#c0392b", "#1a7f5a", "#b8860b", "#6c3483", "#566573", "#ca6f9e", "#17202a"),
@@ -52,15 +55,17 @@ def success_rates(episodes: pd.DataFrame) -> pd.DataFrame:
         episodes: What ``lerobot_gcdt.benchmark.learning.Benchmark.run`` returns.
 
     Returns:
-        A row for each ``task``, ``method``, number of ``demonstrations`` and ``step``: number of ``trainings`` and of
-        ``starts`` (the fewest of a training), mean ``seconds``, and ``held`` and ``reached``, means over the trainings,
-        with the bounds ``held_low``, ``held_high``, ``reached_low`` and ``reached_high``.
+        A row for each ``task``, ``method``, number of ``demonstrations``, ``step`` and setting of imperfect sensors:
+        number of ``trainings`` and of ``starts`` (the fewest of a training), mean ``seconds``, and ``held`` and
+        ``reached``, means over the trainings, with the bounds ``held_low``, ``held_high``, ``reached_low`` and
+        ``reached_high``.
     """
     rows = []
-    for key, point in episodes.groupby(POINT, sort=False):
+    columns = [*POINT, *sensor_columns(episodes)]
+    for key, point in episodes.groupby(columns, sort=False):
         trainings = point.groupby("training_seed")
         starts = int(trainings.size().min())
-        row = dict(zip(POINT, key, strict=True)) | {"trainings": len(trainings), "starts": starts}
+        row = dict(zip(columns, key, strict=True)) | {"trainings": len(trainings), "starts": starts}
         row["seconds"] = trainings.seconds.first().mean()
         for figure in FIGURES:
             each = trainings[figure].mean()
@@ -70,13 +75,33 @@ def success_rates(episodes: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
+def in_order(episodes: pd.DataFrame, methods: Sequence[str]) -> pd.DataFrame:
+    """Sorts episodes by task, in the usual order, and method, so that tables and figures have that order.
+
+    Args:
+        episodes: As ``success_rates`` takes them.
+        methods: The methods in their order.
+    """
+    places = {"task": list(surrol_gym.TASKS), "method": list(methods)}
+    return episodes.sort_values([*places], kind="stable", key=lambda column: column.map(places[column.name].index))
+
+
 def at_the_end(rates: pd.DataFrame) -> pd.DataFrame:
-    """Takes the last point of each task, method and number of demonstrations, in their order.
+    """Takes the last point of each task, method, number of demonstrations and setting of sensors, in their order.
 
     Args:
         rates: As ``success_rates`` returns them.
     """
-    return rates.loc[rates.groupby(POINT[:-1], sort=False).step.idxmax()]
+    return rates.loc[rates.groupby([*POINT[:-1], *sensor_columns(rates)], sort=False).step.idxmax()]
+
+
+def sensor_columns(rows: pd.DataFrame) -> list[str]:
+    """Returns the columns that tell settings of imperfect sensors, which episodes of perfect ones do not have.
+
+    Args:
+        rows: Episodes or rates.
+    """
+    return [name for name in IDEAL if name in rows]
 
 
 def success_table(rates: pd.DataFrame) -> str:
@@ -85,12 +110,11 @@ def success_table(rates: pd.DataFrame) -> str:
     Args:
         rates: As ``success_rates`` returns them.
     """
-    lines = [
-        "| task | method | demonstrations | trainings | starts | steps | seconds | reached | held |",
-        "| --- | --- | --- | --- | --- | --- | --- | --- | --- |",
-    ]
+    imperfect = [name for name in sensor_columns(rates) if (rates[name] != IDEAL[name]).any()]
+    names = ["task", "method", *imperfect, "demonstrations", "trainings", "starts", "steps", "seconds", *FIGURES[::-1]]
+    lines = [f"| {' | '.join(names)} |", "|" + " --- |" * len(names)]
     for end in at_the_end(rates).to_dict("records"):
-        counts = " | ".join(str(end[name]) for name in ("demonstrations", "trainings", "starts", "step"))
+        counts = " | ".join(f"{end[name]:g}" for name in (*imperfect, "demonstrations", "trainings", "starts", "step"))
         success = " | ".join(
             f"{end[figure]:.2f} ({end[f'{figure}_low']:.2f}-{end[f'{figure}_high']:.2f})"
             for figure in ("reached", "held")

@@ -6,6 +6,7 @@ import pandas as pd
 import pytest
 
 from lerobot_gcdt.benchmark.report import (
+    in_order,
     plot_bars,
     plot_demonstrations,
     plot_success,
@@ -167,3 +168,20 @@ def test_numbers_of_demonstrations_are_compared_in_a_figure_and_a_table_of_their
 def test_there_is_no_figure_of_one_number_of_demonstrations(tmp_path):
     write_report(episodes(100), tmp_path)
     assert not (tmp_path / "demonstrations.png").exists()
+
+
+def test_settings_of_imperfect_sensors_are_told_apart_in_the_table():
+    perfect = {"angle_std": 0.0, "dropout": 0.0, "delay": 0, "action_std": 0.0}
+    rates = success_rates(pd.concat([episodes(100).assign(position_std=std, **perfect) for std in (0.01, 0.02)]))
+    header, _, *lines = success_table(rates).splitlines()
+    assert header.startswith("| task | method | position_std | demonstrations |")
+    assert len(lines) == 8 and any(line.startswith("| NeedlePick | gcdt | 0.02 | 100 |") for line in lines)
+
+
+def test_episodes_are_sorted_by_task_in_the_usual_order_and_by_method():
+    rows = pd.DataFrame({"task": ["PegTransfer", "NeedlePick", "PegTransfer"], "method": ["a", "a", "b"]})
+    assert in_order(rows, ["b", "a"]).values.tolist() == [
+        ["NeedlePick", "a"],
+        ["PegTransfer", "b"],
+        ["PegTransfer", "a"],
+    ]
