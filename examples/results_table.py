@@ -34,6 +34,7 @@ METHODS = {
     "context_100": "100 steps of context",
     "last": "last weights",
     "spread": "spread starts",
+    "expert_200": "GCDT, 200 demonstrations instead",
 }
 """The methods in the order of their columns, and what they are called there."""
 
