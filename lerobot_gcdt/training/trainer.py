@@ -150,6 +150,8 @@ def _clocks() -> dict[str, float]:
 def _command_line(arguments: Sequence[str]) -> Iterator[None]:
     """Lets `lerobot-train` find its arguments where it reads parts of its configuration from alone.
 
+    Meanwhile ``DECODERS`` keeps its warnings to itself.
+
     Draccus's errors, of which ``lerobot_gcdt.errors.OptionError`` is one, become ValueErrors: LeRobot tells those in a
     sentence that come while it reads the command line, not those that come later, from a checkpoint's or a policy.
     """
