@@ -4,6 +4,7 @@
     python examples/studies.py --add outputs/curves --study curves
 
 curves: success against seconds of training.
+memory: success against the noise of positions and angles that policies learned with, which grow together.
 
 --add takes over all validation episodes of a benchmark (`gcdt benchmark` without --first_seed) into the file first.
 Each study is a figure beside its file and a table in docs/results.md.
@@ -14,13 +15,22 @@ from pathlib import Path
 
 import pandas as pd
 
-from lerobot_gcdt.benchmark.report import in_order, plot_success, sensor_columns, success_rates, success_table
+from lerobot_gcdt.benchmark.report import (
+    in_order,
+    plot_noise,
+    plot_success,
+    sensor_columns,
+    success_rates,
+    success_table,
+)
 from lerobot_gcdt.evaluation.checkpoints import keep_episodes
 from lerobot_gcdt.hub.documents import write_section
+from surrol_gym.wrappers import IDEAL
 
 ROOT = Path(__file__).parent.parent
 STUDIES, RESULTS = ROOT / "examples/paper_table", ROOT / "docs/results.md"
-FIGURES = {"curves": plot_success}
+FIGURES = {"curves": plot_success, "memory": plot_noise}
+OF_SENSORS = ("memory",)
 STARTS = range(20_000, 20_200)
 KEY = ["task", "method", "demonstrations", "training_seed", "step", "seed"]
 COLUMNS = [*KEY[:-1], "seconds", "seed", "reached", "held", "steps"]
@@ -30,19 +40,20 @@ def add(benchmark: Path, study: str) -> None:
     """Takes over the validation episodes of a benchmark; what is there stays as it is.
 
     Raises:
-        ValueError: They are of imperfect sensors.
+        ValueError: They are of imperfect sensors and the study is of perfect ones, or the other way round.
     """
     rows = pd.read_parquet(benchmark / "episodes.parquet")
-    if sensor_columns(rows):
-        raise ValueError(f"{benchmark} is of imperfect sensors; the studies are of perfect ones.")
-    keep_episodes(STUDIES / f"{study}.parquet", rows.loc[rows.seed.isin(STARTS), COLUMNS], KEY)
+    sensors = [*IDEAL] if study in OF_SENSORS else []
+    if sensor_columns(rows) != sensors:
+        raise ValueError(f"{benchmark} and {study} are not both of {'imperfect' if sensors else 'perfect'} sensors.")
+    keep_episodes(STUDIES / f"{study}.parquet", rows.loc[rows.seed.isin(STARTS), sensors + COLUMNS], sensors + KEY)
 
 
 def rates_of(study: str) -> pd.DataFrame:
     """Returns the success rates of a study, tasks in their usual order, methods in that of their arrival."""
     episodes = pd.read_parquet(STUDIES / f"{study}.parquet")
-    methods = [*episodes.method.unique()]
-    return success_rates(in_order(episodes.sort_values(["demonstrations", "step"], kind="stable"), methods))
+    methods, settings = [*episodes.method.unique()], [*sensor_columns(episodes), "demonstrations", "step"]
+    return success_rates(in_order(episodes.sort_values(settings, kind="stable"), methods))
 
 
 def main() -> None:

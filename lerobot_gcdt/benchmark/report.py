@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure  # without pyplot: the backend of a notebook or a script stays as it is
-from matplotlib.ticker import LogLocator, NullFormatter
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
 import surrol_gym
 from lerobot_gcdt.evaluation.statistics import trainings_interval
@@ -192,7 +192,17 @@ def plot_demonstrations(rates: pd.DataFrame, path: Path) -> None:
     _plot_panels(at_the_end(rates), "demonstrations", "demonstrations", path)
 
 
-def _plot_panels(rates: pd.DataFrame, column: str, label: str, path: Path) -> None:
+def plot_noise(rates: pd.DataFrame, path: Path) -> None:
+    """Plots success at the end of the trainings against the noise of positions, as ``plot_success`` does.
+
+    Args:
+        rates: As ``success_rates`` returns them, of imperfect sensors.
+        path: The PNG file to write.
+    """
+    _plot_panels(at_the_end(rates), "position_std", "noise of positions, standard deviation (su)", path, scale="linear")
+
+
+def _plot_panels(rates: pd.DataFrame, column: str, label: str, path: Path, scale: str = "log") -> None:
     """Plots success against a column, a panel a task, a colour a method."""
     tasks = rates.task.unique()
     colours = {method: COLOURS[i % len(COLOURS)] for i, method in enumerate(rates.method.unique())}
@@ -204,8 +214,8 @@ def _plot_panels(rates: pd.DataFrame, column: str, label: str, path: Path) -> No
         for method, colour in colours.items():
             points = rates[(rates.task == task) & (rates.method == method)].sort_values(column)
             _draw(axes, points, column, method, colour)
-        axes.set(title=task, xscale="log", ylim=(-0.02, 1.02))
-        axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axes.set(title=task, xscale=scale, ylim=(-0.02, 1.02))
+        axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)) if scale == "log" else MaxNLocator(5))
         axes.xaxis.set_major_formatter("{x:g}")
         axes.xaxis.set_minor_formatter(NullFormatter())
         axes.grid(alpha=0.3)

@@ -9,6 +9,7 @@ from lerobot_gcdt.benchmark.report import (
     in_order,
     plot_bars,
     plot_demonstrations,
+    plot_noise,
     plot_success,
     success_latex,
     success_rates,
@@ -16,6 +17,7 @@ from lerobot_gcdt.benchmark.report import (
     write_report,
 )
 from lerobot_gcdt.evaluation.statistics import trainings_interval, wilson_interval
+from surrol_gym.wrappers import IDEAL
 
 SUCCESSES = {("bc", 0): (4, 10), ("bc", 1): (6, 16), ("gcdt", 0): (5, 15)}
 """Of 20 episodes of each training, half way and at its end; one fewer is held."""
@@ -32,6 +34,10 @@ def episodes(demonstrations: int) -> pd.DataFrame:
                 for seed in range(20)
             ]
     return pd.DataFrame(rows)
+
+
+def of_sensors(*levels: float) -> pd.DataFrame:
+    return pd.concat([episodes(100).assign(**IDEAL | {"position_std": level}) for level in levels])
 
 
 @pytest.fixture(scope="module")
@@ -158,6 +164,13 @@ def test_success_is_drawn_against_the_number_of_demonstrations(tmp_path, drawn):
     assert lines["gcdt"] == [[25, pytest.approx(14 / 20)], [100, pytest.approx(14 / 20)]]
 
 
+def test_success_is_drawn_against_noise(tmp_path, drawn):
+    plot_noise(success_rates(of_sensors(0.01, 0.02)), tmp_path / "noise.png")
+    [figure] = drawn
+    lines = {line.get_label(): line.get_xydata().tolist() for line in figure.axes[0].lines}
+    assert lines["gcdt"] == [[0.01, pytest.approx(14 / 20)], [0.02, pytest.approx(14 / 20)]]
+
+
 def test_numbers_of_demonstrations_are_compared_in_a_figure_and_a_table_of_their_own(tmp_path):
     write_report(pd.concat([episodes(25), episodes(100)]), tmp_path)
     assert (tmp_path / "demonstrations.png").read_bytes().startswith(b"\x89PNG")
@@ -171,8 +184,7 @@ def test_there_is_no_figure_of_one_number_of_demonstrations(tmp_path):
 
 
 def test_settings_of_imperfect_sensors_are_told_apart_in_the_table():
-    perfect = {"angle_std": 0.0, "dropout": 0.0, "delay": 0, "action_std": 0.0}
-    rates = success_rates(pd.concat([episodes(100).assign(position_std=std, **perfect) for std in (0.01, 0.02)]))
+    rates = success_rates(of_sensors(0.01, 0.02))
     header, _, *lines = success_table(rates).splitlines()
     assert header.startswith("| task | method | position_std | demonstrations |")
     assert len(lines) == 8 and any(line.startswith("| NeedlePick | gcdt | 0.02 | 100 |") for line in lines)
