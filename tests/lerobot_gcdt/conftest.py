@@ -3,16 +3,19 @@
 The datasets are made once a session. Tests read them and must not write into them.
 """
 
+import copy
 import logging
 import multiprocessing
 import os
 import sys
 import time
+from functools import cache
 
 import datasets
 import pytest
 import torch
 from accelerate.state import AcceleratorState
+from draccus.wrappers import docstring
 from lerobot.configs import parser
 from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
@@ -36,6 +39,14 @@ def _datasets_cache(tmp_path_factory):
         yield
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _help_is_looked_up_once():
+    """Draccus searches the sources for the help of 1600 options whenever one of LeRobot's commands is read."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(docstring, "get_attribute_docstring", cache(docstring.get_attribute_docstring))
+        yield
+
+
 @pytest.fixture(scope="session")
 def needle_pick_root(tmp_path_factory):
     """Folder of a NeedlePick dataset of four episodes."""
@@ -55,22 +66,29 @@ def uneven_root(tmp_path_factory, needle_pick_root):
     return merge([needle_pick_root, record("NeedleReach", 1, 0, folder / "one_reach")], folder / "uneven")
 
 
-@pytest.fixture
-def needle_pick_meta(needle_pick_root):
-    """Metadata of the NeedlePick dataset, as LeRobot hands it to a policy."""
-    return LeRobotDatasetMetadata("local/needle_pick", root=needle_pick_root)
+@pytest.fixture(scope="session")
+def opened():
+    """Opens the metadata of a dataset, as LeRobot hands them to a policy: once, but each test gets its own copy."""
+    metadata = cache(lambda root: LeRobotDatasetMetadata(f"local/{root.name}", root=root))
+    return lambda root: copy.copy(metadata(root))
 
 
 @pytest.fixture
-def needle_reach_meta(needle_reach_root):
-    """Metadata of the NeedleReach dataset, as LeRobot hands it to a policy."""
-    return LeRobotDatasetMetadata("local/needle_reach", root=needle_reach_root)
+def needle_pick_meta(opened, needle_pick_root):
+    """Metadata of the NeedlePick dataset."""
+    return opened(needle_pick_root)
 
 
 @pytest.fixture
-def uneven_meta(uneven_root):
+def needle_reach_meta(opened, needle_reach_root):
+    """Metadata of the NeedleReach dataset."""
+    return opened(needle_reach_root)
+
+
+@pytest.fixture
+def uneven_meta(opened, uneven_root):
     """Metadata of the merged dataset."""
-    return LeRobotDatasetMetadata("local/uneven", root=uneven_root)
+    return opened(uneven_root)
 
 
 @pytest.fixture(scope="session")
