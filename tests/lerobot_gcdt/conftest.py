@@ -4,18 +4,20 @@ The datasets are made once a session. Tests read them and must not write into th
 """
 
 import copy
+import inspect
 import logging
 import multiprocessing
 import os
 import sys
 import time
 from functools import cache
+from types import SimpleNamespace
 
 import datasets
 import pytest
 import torch
 from accelerate.state import AcceleratorState
-from draccus.wrappers import docstring
+from draccus.wrappers import docstring, field_wrapper
 from lerobot.configs import parser
 from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
@@ -40,10 +42,15 @@ def _datasets_cache(tmp_path_factory):
 
 
 @pytest.fixture(scope="session", autouse=True)
-def _help_is_looked_up_once():
-    """Draccus searches the sources for the help of 1600 options whenever one of LeRobot's commands is read."""
+def _options_are_looked_up_once():
+    """Whenever Draccus reads one of LeRobot's commands, it looks up the help and the kind of 1600 options.
+
+    That takes most of the time of the many tests in which a command is only read.
+    """
+    kinds = SimpleNamespace(getfullargspec=cache(inspect.getfullargspec))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(docstring, "get_attribute_docstring", cache(docstring.get_attribute_docstring))
+        patch.setattr(field_wrapper, "inspect", kinds)
         yield
 
 
@@ -104,11 +111,17 @@ def needle_pick_windows(needle_pick_root):
     return torch.utils.data.default_collate([dataset[i] for i in (49, 99, 119)])
 
 
-@pytest.fixture
-def tiny_config():
-    """A model of 2 layers and 32 numbers a token that sees its whole past, on the CPU; each test gets its own."""
+@pytest.fixture(scope="session")
+def make_tiny_config():
+    """Makes the configuration of a model of 2 layers and 32 numbers a token that sees its whole past, on the CPU."""
     sizes = {"layers": 2, "width": 32, "heads": 2, "inner_width": 64, "context_length": 100}
-    return GCDTConfig(**sizes, device="cpu", dtype="float32", push_to_hub=False)
+    return lambda: GCDTConfig(**sizes, device="cpu", dtype="float32", push_to_hub=False)
+
+
+@pytest.fixture
+def tiny_config(make_tiny_config):
+    """Such a configuration; each test gets its own."""
+    return make_tiny_config()
 
 
 @pytest.fixture(scope="session")
