@@ -17,6 +17,7 @@ import datasets
 import pytest
 import torch
 from accelerate.state import AcceleratorState
+from datasets.features.features import require_decoding
 from draccus.wrappers import docstring, field_wrapper
 from lerobot.configs import parser
 from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
@@ -38,6 +39,22 @@ def _datasets_cache(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("HF_DATASETS_CACHE", str(cache))
         patch.setattr(datasets.config, "HF_DATASETS_CACHE", cache)
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _columns_are_looked_at_once():
+    """Hugging Face Datasets looks at all columns whenever one is set, and sets each of the 140 that tell of episodes.
+
+    That takes most of the time that a dataset takes to open.
+    """
+
+    def set_column(self, name, feature):
+        dict.__setitem__(self, name, feature)
+        self._column_requires_decoding[name] = require_decoding(feature)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(datasets.Features, "__setitem__", set_column)
         yield
 
 
