@@ -4,21 +4,18 @@ The datasets are made once a session. Tests read them and must not write into th
 """
 
 import copy
-import inspect
 import logging
 import multiprocessing
 import os
 import sys
 import time
 from functools import cache
-from types import SimpleNamespace
 
 import datasets
 import pytest
 import torch
 from accelerate.state import AcceleratorState
-from datasets.features.features import require_decoding
-from draccus.wrappers import docstring, field_wrapper
+from draccus.wrappers import docstring
 from lerobot.configs import parser
 from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
@@ -43,31 +40,13 @@ def _datasets_cache(tmp_path_factory):
 
 
 @pytest.fixture(scope="session", autouse=True)
-def _columns_are_looked_at_once():
-    """Hugging Face Datasets looks at all columns whenever one is set, and sets each of the 140 that tell of episodes.
-
-    That takes most of the time that a dataset takes to open.
-    """
-
-    def set_column(self, name, feature):
-        dict.__setitem__(self, name, feature)
-        self._column_requires_decoding[name] = require_decoding(feature)
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(datasets.Features, "__setitem__", set_column)
-        yield
-
-
-@pytest.fixture(scope="session", autouse=True)
-def _options_are_looked_up_once():
-    """Whenever Draccus reads one of LeRobot's commands, it looks up the help and the kind of 1600 options.
+def _help_is_looked_up_once():
+    """Whenever Draccus reads one of LeRobot's commands, it searches the sources for the help of 1600 options.
 
     That takes most of the time of the many tests in which a command is only read.
     """
-    kinds = SimpleNamespace(getfullargspec=cache(inspect.getfullargspec))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(docstring, "get_attribute_docstring", cache(docstring.get_attribute_docstring))
-        patch.setattr(field_wrapper, "inspect", kinds)
         yield
 
 
