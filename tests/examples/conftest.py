@@ -5,12 +5,24 @@ import io
 import logging
 import runpy
 import sys
+from functools import partial
 from pathlib import Path
 
 import pytest
 from accelerate.state import AcceleratorState
 
+from lerobot_gcdt.evaluation import pictures
+
 EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _pictures_are_small():
+    """Drawing takes most of the time of an example that films; how large its pictures are matters to none."""
+    with pytest.MonkeyPatch.context() as patch:
+        for draw in (pictures.film, pictures.strips):
+            patch.setattr(pictures, draw.__name__, partial(draw, size=192))
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -3,16 +3,19 @@
 The datasets are made once a session. Tests read them and must not write into them.
 """
 
+import copy
 import logging
 import multiprocessing
 import os
 import sys
 import time
+from functools import cache
 
 import datasets
 import pytest
 import torch
 from accelerate.state import AcceleratorState
+from draccus.wrappers import docstring
 from lerobot.configs import parser
 from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
@@ -36,6 +39,17 @@ def _datasets_cache(tmp_path_factory):
         yield
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _help_is_looked_up_once():
+    """Whenever Draccus reads one of LeRobot's commands, it searches the sources for the help of 1600 options.
+
+    That takes most of the time of the many tests in which a command is only read.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(docstring, "get_attribute_docstring", cache(docstring.get_attribute_docstring))
+        yield
+
+
 @pytest.fixture(scope="session")
 def needle_pick_root(tmp_path_factory):
     """Folder of a NeedlePick dataset of four episodes."""
@@ -55,22 +69,29 @@ def uneven_root(tmp_path_factory, needle_pick_root):
     return merge([needle_pick_root, record("NeedleReach", 1, 0, folder / "one_reach")], folder / "uneven")
 
 
-@pytest.fixture
-def needle_pick_meta(needle_pick_root):
-    """Metadata of the NeedlePick dataset, as LeRobot hands it to a policy."""
-    return LeRobotDatasetMetadata("local/needle_pick", root=needle_pick_root)
+@pytest.fixture(scope="session")
+def opened():
+    """Opens the metadata of a dataset, as LeRobot hands them to a policy: once, but each test gets its own copy."""
+    metadata = cache(lambda root: LeRobotDatasetMetadata(f"local/{root.name}", root=root))
+    return lambda root: copy.copy(metadata(root))
 
 
 @pytest.fixture
-def needle_reach_meta(needle_reach_root):
-    """Metadata of the NeedleReach dataset, as LeRobot hands it to a policy."""
-    return LeRobotDatasetMetadata("local/needle_reach", root=needle_reach_root)
+def needle_pick_meta(opened, needle_pick_root):
+    """Metadata of the NeedlePick dataset."""
+    return opened(needle_pick_root)
 
 
 @pytest.fixture
-def uneven_meta(uneven_root):
+def needle_reach_meta(opened, needle_reach_root):
+    """Metadata of the NeedleReach dataset."""
+    return opened(needle_reach_root)
+
+
+@pytest.fixture
+def uneven_meta(opened, uneven_root):
     """Metadata of the merged dataset."""
-    return LeRobotDatasetMetadata("local/uneven", root=uneven_root)
+    return opened(uneven_root)
 
 
 @pytest.fixture(scope="session")
@@ -86,11 +107,17 @@ def needle_pick_windows(needle_pick_root):
     return torch.utils.data.default_collate([dataset[i] for i in (49, 99, 119)])
 
 
-@pytest.fixture
-def tiny_config():
-    """A model of 2 layers and 32 numbers a token that sees its whole past, on the CPU; each test gets its own."""
+@pytest.fixture(scope="session")
+def make_tiny_config():
+    """Makes the configuration of a model of 2 layers and 32 numbers a token that sees its whole past, on the CPU."""
     sizes = {"layers": 2, "width": 32, "heads": 2, "inner_width": 64, "context_length": 100}
-    return GCDTConfig(**sizes, device="cpu", dtype="float32", push_to_hub=False)
+    return lambda: GCDTConfig(**sizes, device="cpu", dtype="float32", push_to_hub=False)
+
+
+@pytest.fixture
+def tiny_config(make_tiny_config):
+    """Such a configuration; each test gets its own."""
+    return make_tiny_config()
 
 
 @pytest.fixture(scope="session")

@@ -67,6 +67,17 @@ def checkpoint(trained):
     return trained[0] / "checkpoints" / "last" / "pretrained_model"
 
 
+@pytest.fixture(scope="module")
+def tuned(checkpoint, needle_reach_root, tmp_path_factory, train):
+    """Folder of the same model after fine-tuning on another task, NeedleReach."""
+    output = tmp_path_factory.mktemp("tuned") / "output"
+    train(
+        *(f"--policy.path={checkpoint}", *ON_CPU, *dataset(needle_reach_root), "--batch_size=8", "--num_workers=0"),
+        *("--steps=2", f"--output_dir={output}"),
+    )
+    return output / "checkpoints" / "last" / "pretrained_model"
+
+
 @pytest.fixture
 def copy_of_the_checkpoint(checkpoint, tmp_path):
     """A checkpoint that a test may damage."""
@@ -201,12 +212,7 @@ def test_a_held_out_share_of_the_episodes_gives_an_evaluation_loss(needle_pick_r
     assert 0 < float(loss) < float("inf")
 
 
-def test_fine_tuning_on_another_task_keeps_the_first(checkpoint, needle_reach_root, tmp_path, train):
-    train(
-        *(f"--policy.path={checkpoint}", *ON_CPU, *dataset(needle_reach_root), "--batch_size=8", "--num_workers=0"),
-        *("--steps=2", f"--output_dir={tmp_path / 'output'}"),
-    )
-    tuned = tmp_path / "output" / "checkpoints" / "last" / "pretrained_model"
+def test_fine_tuning_on_another_task_keeps_the_first(checkpoint, tuned, needle_reach_root):
     before, after = PreTrainedConfig.from_pretrained(checkpoint), PreTrainedConfig.from_pretrained(tuned)
     new = set(LeRobotDataset("local/x", root=needle_reach_root).meta.tasks.index)
     assert set(after.task_dims) == set(before.task_dims) | new
@@ -238,12 +244,7 @@ def test_lerobot_eval_writes_the_success_rate(checkpoint, tmp_path, evaluate):
     assert 0 <= info["overall"]["pc_success"] <= 100
 
 
-def test_a_policy_of_two_tasks_is_evaluated_in_both(checkpoint, needle_reach_root, tmp_path, train, evaluate):
-    train(
-        *(f"--policy.path={checkpoint}", *ON_CPU, *dataset(needle_reach_root), "--batch_size=8", "--num_workers=0"),
-        *("--steps=1", f"--output_dir={tmp_path / 'output'}"),
-    )
-    tuned = tmp_path / "output" / "checkpoints" / "last" / "pretrained_model"
+def test_a_policy_of_two_tasks_is_evaluated_in_both(tuned, tmp_path, evaluate):
     evaluate(
         *(f"--policy.path={tuned}", "--policy.device=cpu", *environment("NeedleReach", "NeedlePick"), *TWO_EPISODES),
         f"--output_dir={tmp_path / 'eval'}",

@@ -1,5 +1,6 @@
 """Fixtures of the simulator's tests."""
 
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, field
 from functools import cache
 
@@ -51,28 +52,33 @@ class Demonstration:
         return all(self.successes[self.first :])
 
 
+def demonstrate(env, seed):
+    """Plays a demonstration."""
+    expert = surrol_gym.make_expert(env)
+    one, truncated = Demonstration([env.reset(seed=seed)[0]]), False
+    while not truncated:
+        one.actions.append(expert.act(one.observations[-1]))
+        one.returned.append(env.step(one.actions[-1]))
+        one.attached.append([grasp.attached for grasps in env.unwrapped.grasps for grasp in grasps])
+        observation, _, _, truncated, _ = one.returned[-1]
+        one.observations.append(observation)
+    return one
+
+
 @pytest.fixture(scope="session")
 def demonstrations():
-    """Demonstrations of a task, by its name, from the seeds 0 to 9; each is played once for all tests."""
+    """Demonstrations of a task, by its name, from the seeds from 0 on; each is played once for all tests."""
+    with ExitStack() as envs:
 
-    @cache
-    def demonstrations(task):
-        env = gym.make(surrol_gym.find_task(task))
-        expert = surrol_gym.make_expert(env)
-        played = []
-        for seed in range(10):
-            one, truncated = Demonstration([env.reset(seed=seed)[0]]), False
-            while not truncated:
-                one.actions.append(expert.act(one.observations[-1]))
-                one.returned.append(env.step(one.actions[-1]))
-                one.attached.append([grasp.attached for grasps in env.unwrapped.grasps for grasp in grasps])
-                observation, _, _, truncated, _ = one.returned[-1]
-                one.observations.append(observation)
-            played.append(one)
-        env.close()
-        return played
+        @cache
+        def made(task):
+            return envs.enter_context(closing(gym.make(surrol_gym.find_task(task))))
 
-    return demonstrations
+        @cache
+        def demonstration(task, seed):
+            return demonstrate(made(task), seed)
+
+        yield lambda task, count=10: [demonstration(task, seed) for seed in range(count)]
 
 
 @pytest.fixture(scope="session")

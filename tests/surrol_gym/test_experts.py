@@ -100,7 +100,7 @@ def test_an_expert_may_be_made_of_the_wrapped_or_of_the_bare_environment(env):
 @pytest.mark.parametrize("env", ["PegTransfer"], indirect=True)
 def test_an_observation_of_another_task_is_refused(env, demonstrations):
     with pytest.raises(ValueError, match=r"PegTransfer has 19 numbers in observation, not \(7,\)"):
-        surrol_gym.make_expert(env).act(demonstrations("NeedleReach")[0].observations[0])
+        surrol_gym.make_expert(env).act(demonstrations("NeedleReach", 1)[0].observations[0])
 
 
 def test_a_foreign_environment_has_no_expert():

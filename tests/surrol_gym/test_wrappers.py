@@ -160,12 +160,12 @@ def test_pictures_are_as_late_as_the_numbers(make):
 
 
 def test_the_episode_is_the_same_as_with_perfect_sensors(sense, demonstrations):
-    env, perfect = sense("NeedlePick", **IMPERFECT), demonstrations("NeedlePick")[0]
+    env, perfect = sense("NeedlePick", **IMPERFECT), demonstrations("NeedlePick", 1)[0]
     assert_same(play(env, steps=50)[1], perfect.observations)
 
 
 def test_reward_and_success_judge_the_truth(sense, demonstrations):
-    env, perfect = sense("NeedleReach", position_std=1.0), demonstrations("NeedleReach")[0]
+    env, perfect = sense("NeedleReach", position_std=1.0), demonstrations("NeedleReach", 1)[0]
     env.reset(seed=0)
     returned = [env.step(action) for action in perfect.actions]
     assert [(reward, info["is_success"]) for _, reward, *_, info in returned] == [

@@ -12,7 +12,7 @@ def observation():
     return {STATE: torch.randn(4, 19), GOAL: torch.randn(4, 3), ACHIEVED_GOAL: torch.randn(4, 3)}
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def train():
     """Trains a policy for some steps, and returns it in evaluation mode."""
 

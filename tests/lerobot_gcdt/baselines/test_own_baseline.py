@@ -11,14 +11,15 @@ from lerobot_gcdt.hub.checks import check_card, check_checkpoint
 from lerobot_gcdt.hub.model_card import model_card
 
 
-@pytest.fixture
-def checkpoint(needle_reach_root, command, tmp_path, monkeypatch):
+@pytest.fixture(scope="module")
+def checkpoint(needle_reach_root, command, tmp_path_factory):
     """Folder of a checkpoint of the policy in ``nearest_frame.py``, after one step."""
-    monkeypatch.syspath_prepend(Path(__file__).parent)
-    importlib.import_module("nearest_frame")
-    output = tmp_path / "nearest"
-    command(lambda: training.train(needle_reach_root, output, "nearest_frame", steps=1, device="cpu"))
-    return training.checkpoint(output)
+    output = tmp_path_factory.mktemp("own") / "nearest"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(Path(__file__).parent)
+        importlib.import_module("nearest_frame")
+        command(lambda: training.train(needle_reach_root, output, "nearest_frame", steps=1, device="cpu"))
+        yield training.checkpoint(output)
 
 
 def test_it_is_evaluated(checkpoint):

@@ -35,10 +35,16 @@ def datasets(needle_reach_root, needle_pick_root, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def whole(datasets, command):
-    """The folder and the episodes of two cells that were really trained, of four steps and of two."""
+    """The folder and the episodes of two cells that were really trained, of four steps and of two.
+
+    The first in this process, which keeps its precision, to be quick; the second in a process of its own, as always.
+    """
     output, given = datasets.parent / "whole", []
     methods = {"methods": ["bc", SMALL], "steps": 4, "points": 2, "options": ["--policy.device=cpu"]}
-    command(lambda: given.append(benchmark(datasets, output, ["NeedleReach"], seeds=[5], starts=STARTS, **methods)))
+    train, here = learning.train, iter([None])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(learning, "train", lambda *a, launcher, **o: train(*a, launcher=next(here, launcher), **o))
+        command(lambda: given.append(benchmark(datasets, output, ["NeedleReach"], seeds=[5], starts=STARTS, **methods)))
     return output, given[0]
 
 
@@ -126,7 +132,8 @@ def test_each_number_of_demonstrations_has_a_training_of_its_own_from_the_first_
     assert len(asked) == 3, "all of them are the whole dataset"
 
 
-def test_a_training_on_the_first_demonstrations_sees_no_other(datasets, tmp_path, command):
+def test_a_training_on_the_first_demonstrations_sees_no_other(datasets, tmp_path, command, monkeypatch):
+    monkeypatch.setattr(learning, "PROCESS", None)  # in this one; another would import LeRobot anew
     small = {"methods": ["bc"], "steps": 2, "points": 1, "options": ["--policy.device=cpu"], "demonstrations": [1]}
     command(lambda: benchmark(datasets, tmp_path, ["NeedleReach"], seeds=[0], starts=STARTS, **small))
     [settings] = tmp_path.glob("bc/NeedleReach_1/0/checkpoints/000002/pretrained_model/train_config.json")

@@ -6,6 +6,7 @@ import os
 import shutil
 import subprocess
 import sys
+from functools import cache
 from io import BytesIO
 from pathlib import Path
 
@@ -24,11 +25,20 @@ from safetensors.torch import load
 import gcdt_cli as cli
 from lerobot_gcdt import make_gcdt_pre_post_processors
 from lerobot_gcdt.averaging import without_resting
+from lerobot_gcdt.evaluation.pictures import halfway
 from lerobot_gcdt.hub.checks import CHECKPOINT_FILES, DATASET_FILES
 
 DATA_FILE = "data/chunk-000/file-000.parquet"
 STATE_FILE = "policy_preprocessor_step_3_normalizer_processor.safetensors"
 CHAIN = Path(__file__).with_name("hub_chain.py")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _pictures_are_drawn_once():
+    """Every dataset is published with a picture of its task, in most of these tests of the same."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("lerobot_gcdt.hub.publish.halfway", cache(halfway))
+        yield
 
 
 @pytest.fixture
@@ -52,18 +62,25 @@ def dataset(needle_reach_root, tmp_path):
     return shutil.copytree(needle_reach_root, tmp_path / "needle_reach")
 
 
-@pytest.fixture
-def training(tiny_config, needle_reach_meta, tmp_path):
+@pytest.fixture(scope="module")
+def whole_training(make_tiny_config, opened, needle_reach_root, tmp_path_factory):
     """Output folder of a training whose last checkpoint is that of a new policy."""
-    folder = tmp_path / "output" / "checkpoints" / "000010" / "pretrained_model"
-    policy = make_policy(tiny_config, ds_meta=needle_reach_meta)
+    output, meta = tmp_path_factory.mktemp("training") / "output", opened(needle_reach_root)
+    folder = output / "checkpoints" / "000010" / "pretrained_model"
+    policy = make_policy(make_tiny_config(), ds_meta=meta)
     policy.save_pretrained(folder)
-    for pipeline in make_gcdt_pre_post_processors(policy.config, needle_reach_meta.stats):
+    for pipeline in make_gcdt_pre_post_processors(policy.config, meta.stats):
         pipeline.save_pretrained(folder)
-    data = DatasetConfig("local/needle_reach", root=str(needle_reach_meta.root), video_backend="pyav")
+    data = DatasetConfig("local/needle_reach", root=str(needle_reach_root), video_backend="pyav")
     TrainPipelineConfig(dataset=data, policy=policy.config)._save_pretrained(folder)
     (folder.parents[1] / "last").symlink_to("000010")
-    return tmp_path / "output"
+    return output
+
+
+@pytest.fixture
+def training(whole_training, tmp_path):
+    """Such a folder that a test may change."""
+    return shutil.copytree(whole_training, tmp_path / "output", symlinks=True)
 
 
 @pytest.fixture

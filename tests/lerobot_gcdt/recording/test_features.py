@@ -5,6 +5,7 @@ import itertools
 import gymnasium as gym
 import numpy as np
 import pytest
+from gymnasium.wrappers import TimeLimit
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
 import surrol_gym
@@ -45,7 +46,7 @@ def rich_root(tmp_path_factory):
 
 
 def test_an_episode_has_the_columns_that_are_described(env):
-    columns = to_columns(run_episode(env, 0, 0.0, RICH))
+    columns = to_columns(run_episode(TimeLimit(env, 2), 0, 0.0, RICH))
     described = describe_columns(env, RICH)
     assert columns.keys() == described.keys()
     for key, values in columns.items():
@@ -53,6 +54,7 @@ def test_an_episode_has_the_columns_that_are_described(env):
         assert values.dtype == ("uint8" if described[key]["dtype"] == "video" else described[key]["dtype"]), key
 
 
+@pytest.mark.parametrize("env", ["PegTransfer", "NeedleRegrasp"], indirect=True)
 def test_what_is_recorded_beside_changes_nothing_else(env):
     plain, rich = run_episode(env, 1, 0.3), run_episode(env, 1, 0.3, RICH)
     for key, values in plain.items():

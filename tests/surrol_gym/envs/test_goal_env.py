@@ -91,7 +91,8 @@ def recorded(env):
 @pytest.fixture
 def demonstration(env, demonstrations):
     """What ``step`` returned in a whole episode of the expert."""
-    return demonstrations(env.unwrapped.task)[0].returned
+    [played] = demonstrations(env.unwrapped.task, 1)
+    return played.returned
 
 
 # ------------------------------------------------------------------------------------------------------ Gymnasium's API

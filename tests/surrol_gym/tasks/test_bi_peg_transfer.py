@@ -197,7 +197,7 @@ def test_a_block_held_above_the_goal_is_no_success(env):
 
 def test_the_block_changes_hands_and_is_never_attached_to_both_arms(demonstrations):
     """docs/grasping.md#the-rule: the receiving arm attaches it in the step after the giving arm opened."""
-    for episode in demonstrations("BiPegTransfer")[:3]:
+    for episode in demonstrations("BiPegTransfer", 3):
         pairs = zip(episode.attached, episode.actions, strict=True)
         holders = [(*attached, bool(action[9] >= 0)) for attached, action in pairs]
         heights = [observation["achieved_goal"][2] for observation in episode.observations[1:]]

@@ -177,7 +177,7 @@ def test_success_is_within_0_053_of_both_goals(env):
 
 def test_each_jack_is_attached_by_a_grasp_of_its_own_after_a_lift_of_0_025(demonstrations):
     """docs/grasping.md#the-rule; until then friction alone holds it."""
-    for episode in demonstrations("PickAndPlace")[:3]:
+    for episode in demonstrations("PickAndPlace", 3):
         tops = np.array([observation["observation"][[21, 24]] for observation in episode.observations])
         attached, heights = np.array(episode.attached), tops[1:] - tops[0]
         for jack in range(2):
