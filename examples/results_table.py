@@ -26,6 +26,7 @@ PROTOCOLS = ("published-large", "published-100", "plain-100", "interactive", "ab
 METHODS = {
     "generalist": "generalist",
     "tuned": "fine-tuned",
+    "pretrained": "GCDT, pretrained",
     "scratch": "GCDT for one task",
     "perceptron": "perceptron",
     "expert": "scripted expert",
