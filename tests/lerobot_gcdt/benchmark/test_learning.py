@@ -37,13 +37,17 @@ def datasets(needle_reach_root, needle_pick_root, tmp_path_factory):
 def whole(datasets, command):
     """The folder and the episodes of two cells that were really trained, of four steps and of two.
 
-    The first in this process, which keeps its precision, to be quick; the second in a process of its own, as always.
+    The perceptron in this process, to be quick; GCDT in a process of its own, as always.
     """
     output, given = datasets.parent / "whole", []
     methods = {"methods": ["bc", SMALL], "steps": 4, "points": 2, "options": ["--policy.device=cpu"]}
-    train, here = learning.train, iter([None])
+    train = learning.train
+
+    def train_perceptrons_here(dataset, folder, policy, *others, launcher, options):
+        train(dataset, folder, policy, *others, launcher=None if policy == "bc" else launcher, options=options)
+
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(learning, "train", lambda *a, launcher, **o: train(*a, launcher=next(here, launcher), **o))
+        patch.setattr(learning, "train", train_perceptrons_here)
         command(lambda: given.append(benchmark(datasets, output, ["NeedleReach"], seeds=[5], starts=STARTS, **methods)))
     return output, given[0]
 
