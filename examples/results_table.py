@@ -22,7 +22,10 @@ from lerobot_gcdt.hub.documents import write_section
 ROOT = Path(__file__).parent.parent
 EPISODES = ROOT / "examples/paper_table/episodes.parquet"
 README, RESULTS, NOTES = ROOT / "README.md", ROOT / "docs/results.md", EPISODES.with_name("notes.md")
-PROTOCOLS = ("published-large", "published-100", "plain-100", "interactive", "ablation")
+PROTOCOLS = ("published-large", "published-100", "plain-100", "interactive", "rivals", "ablation")
+BASES = {"rivals": ("scratch", "perceptron"), "ablation": ("scratch",)}
+"""Methods of published-100 that stand beside those of protocols with the same demonstrations, in the same tasks."""
+
 METHODS = {
     "generalist": "generalist",
     "tuned": "fine-tuned",
@@ -30,11 +33,19 @@ METHODS = {
     "scratch": "GCDT for one task",
     "perceptron": "perceptron",
     "expert": "scripted expert",
+    "dt_goal": "DT with the goal",
+    "dt": "DT",
+    "act": "ACT",
+    "diffusion": "Diffusion Policy",
+    "vinn": "VINN",
+    "iql": "IQL",
+    "plas": "PLAS",
     "four_tokens": "four tokens a step",
     "clock": "told its time-to-goal",
     "context_100": "100 steps of context",
     "last": "last weights",
     "spread": "spread starts",
+    "longer": "longer limit while recording",
     "expert_200": "GCDT, 200 demonstrations instead",
 }
 """The methods in the order of their columns, and what they are called there."""
@@ -57,10 +68,12 @@ COLUMNS = [*KEY[:-1], "seconds", "seed", "reached", "held", "steps"]
 def protocols() -> Iterator[tuple[str, pd.DataFrame]]:
     """Yields the protocols that there are episodes of, and their success rates in the order of tasks and methods."""
     episodes = pd.read_parquet(EPISODES).assign(step=1, demonstrations=0)  # the protocol tells them
-    ablated = set(episodes.task[episodes.protocol == "ablation"])
-    base = (episodes.protocol == "published-100") & (episodes.method == "scratch") & episodes.task.isin(ablated)
-    episodes = pd.concat([episodes, episodes[base].assign(protocol="ablation")])
-    for protocol, rows in in_order(episodes, [*METHODS]).groupby("protocol"):
+    parts = [episodes]
+    for protocol, methods in BASES.items():
+        tasks = set(episodes.task[episodes.protocol == protocol])
+        base = (episodes.protocol == "published-100") & episodes.method.isin(methods) & episodes.task.isin(tasks)
+        parts.append(episodes[base].assign(protocol=protocol))
+    for protocol, rows in in_order(pd.concat(parts), [*METHODS]).groupby("protocol"):
         yield protocol, success_rates(rows)
 
 

@@ -20,8 +20,7 @@ from pathlib import Path
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # see examples/quickstart.py
 
 import surrol_gym
-from lerobot_gcdt.recording.collection import CROSS_TASK
-from lerobot_gcdt.recording.demonstrations import dataset_name
+from lerobot_gcdt.recording.collection import CROSS_TASK, dataset_name
 from lerobot_gcdt.training import train
 
 STARTS = {"pretrain": None, "generalist": "pretrain"} | dict.fromkeys(surrol_gym.TASKS, "generalist")

@@ -23,8 +23,8 @@ from lerobot_gcdt.evaluation import evaluate, evaluate_checkpoint
 from lerobot_gcdt.evaluation.checkpoints import keep_episodes, keeps_other_sensors
 from lerobot_gcdt.evaluation.expert import ExpertPolicy
 from lerobot_gcdt.evaluation.tasks import check_starts
-from lerobot_gcdt.recording.demonstrations import RECORDING_FILE, dataset_name
-from lerobot_gcdt.recording.facts import recordings, task_of
+from lerobot_gcdt.recording.collection import dataset_name
+from lerobot_gcdt.recording.facts import RECORDING_FILE, recordings, task_of
 from lerobot_gcdt.training import train, training_seconds
 from lerobot_gcdt.training.learned_data import fingerprint, note_datasets, noted_datasets
 from surrol_gym.registry import find_task, task_name

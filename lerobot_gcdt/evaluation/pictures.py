@@ -143,13 +143,13 @@ def plot_goals(episodes: pd.DataFrame, path: str | Path) -> Path:
             above.plot([start[0], end[0]], [start[1], end[1]], color=color, linewidth=1)
         above.scatter(desired[mask, 0], desired[mask, 1], s=26, facecolor="none", edgecolor=color)
         above.scatter(achieved[mask, 0], achieved[mask, 1], s=8, color=color, label=f"{label} ({mask.sum()})")
-    above.set(xlabel="x (su)", ylabel="y (su)", title="Goals (circles) and where the object ended (dots)")
+    above.set(xlabel="x (su)", ylabel="y (su)", title="Goals (circles), where objects ended (dots)")
     above.set_aspect("equal")
-    above.legend(loc="upper right", fontsize=8)
     order = np.argsort(distance)
     ranked.bar(np.arange(len(order)), distance[order], color=np.where(held[order], REACHED, MISSED), width=1)
     ranked.set(xlabel="episode, by distance", ylabel="distance from the goal at the end (su)", yscale="log")
     ranked.set_title("Distance at the end (1 su = 0.2 m)")
+    figure.legend(loc="outside lower center", ncols=2, fontsize=9)
     return _save(figure, path)
 
 

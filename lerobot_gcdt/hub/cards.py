@@ -15,7 +15,7 @@ from huggingface_hub import DatasetCardData
 from lerobot_gcdt.hub.card_tables import number_tables, other_keys
 from lerobot_gcdt.hub.docstrings import sections
 from lerobot_gcdt.keys import PADDED
-from lerobot_gcdt.recording.demonstrations import dataset_name
+from lerobot_gcdt.recording.collection import dataset_name
 from lerobot_gcdt.recording.facts import card_facts, frames_of, is_human, is_imported, recordings, task_named, task_of
 from lerobot_gcdt.recording.features import NO_EXTRAS
 from surrol_gym.quantities import table

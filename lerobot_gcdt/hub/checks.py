@@ -8,7 +8,7 @@ from huggingface_hub import DatasetCard, ModelCard
 from safetensors import SafetensorError, safe_open
 
 from lerobot_gcdt.hub.model_card import find_policy
-from lerobot_gcdt.recording.demonstrations import RECORDING_FILE
+from lerobot_gcdt.recording.facts import RECORDING_FILE
 from lerobot_gcdt.training.whole_data import LEROBOTS_FILES, check_files, check_whole, read_json
 from surrol_gym import find_task
 

@@ -25,8 +25,7 @@ from lerobot.utils.import_utils import register_third_party_plugins
 from lerobot_gcdt.evaluation.checkpoints import episodes_file
 from lerobot_gcdt.evaluation.statistics import by_starts, wilson_interval
 from lerobot_gcdt.hub.cards import CITATION, recording_commands
-from lerobot_gcdt.recording.demonstrations import RECORDING_FILE
-from lerobot_gcdt.recording.facts import recordings, task_named
+from lerobot_gcdt.recording.facts import RECORDING_FILE, recordings, task_named
 from surrol_gym.registry import env_class, registered_tasks
 
 NOT_CHOSEN = (

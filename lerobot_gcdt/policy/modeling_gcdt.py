@@ -10,9 +10,10 @@ from torch import Tensor, nn
 from lerobot_gcdt.averaging import AveragedWeights
 from lerobot_gcdt.data.acting_batch import tasks_of, with_goals
 from lerobot_gcdt.data.draws import combine, uniform
+from lerobot_gcdt.data.sequences import Sequences
 from lerobot_gcdt.data.statistics import mean_of_each
 from lerobot_gcdt.data.task_layouts import task_layouts
-from lerobot_gcdt.data.trajectories import Sequences, TrajectoryBank
+from lerobot_gcdt.data.trajectories import TrajectoryBank
 from lerobot_gcdt.keys import ACHIEVED_GOAL, ACTION, GOAL, STATE, TIME_TO_GOAL
 from lerobot_gcdt.policy.configuration_gcdt import GCDTConfig
 from lerobot_gcdt.policy.history import History

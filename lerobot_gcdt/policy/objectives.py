@@ -16,7 +16,7 @@ import torch
 from torch import Tensor, distributed, nn
 
 from lerobot_gcdt.data.draws import combine, uniform
-from lerobot_gcdt.data.trajectories import Sequences
+from lerobot_gcdt.data.sequences import Sequences
 from lerobot_gcdt.keys import ACTION, GOAL, STATE, TIME_TO_GOAL
 from lerobot_gcdt.policy.tokens import ORDER, kind_name
 
@@ -32,7 +32,7 @@ class Objective:
     """An auxiliary objective of pretraining.
 
     Attributes:
-        loss: Takes the policy and packed trajectories (``lerobot_gcdt.data.trajectories.Sequences``) and returns a
+        loss: Takes the policy and packed trajectories (``lerobot_gcdt.data.sequences.Sequences``) and returns a
             scalar; see ``mean_error``.
         heads: Takes the sizes of observation, goal and action of a task and the size of a token, and returns the
             modules that ``policy.modules_of(task)`` then has for this task, by their names.

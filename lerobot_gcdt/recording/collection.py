@@ -3,6 +3,7 @@
 import json
 import multiprocessing
 import os
+import re
 import signal
 from functools import partial
 from multiprocessing.connection import Connection, wait
@@ -12,7 +13,8 @@ from pathlib import Path
 from tqdm import tqdm
 
 import surrol_gym
-from lerobot_gcdt.recording.demonstrations import RECORDING_FILE, check_recording, dataset_name, record, summary
+from lerobot_gcdt.recording.demonstrations import check_recording, record
+from lerobot_gcdt.recording.facts import RECORDING_FILE, summary
 from lerobot_gcdt.recording.features import NO_EXTRAS, Extras
 from lerobot_gcdt.recording.merging import merge
 
@@ -24,6 +26,11 @@ PUBLISHED_DISTURB = 0.3
 
 Job = tuple[str, int, int, Path, float, Extras]
 """Arguments of ``record``."""
+
+
+def dataset_name(task: str) -> str:
+    """Returns the name of a task's published dataset, such as ``surrol_needle_pick`` of ``NeedlePick``."""
+    return "surrol" + re.sub("([A-Z])", r"_\1", task).lower()
 
 
 def record_all(
@@ -40,7 +47,7 @@ def record_all(
         root: Folder of the datasets; calling again goes on with what was interrupted.
         episodes: Number of successful episodes of each task.
         seed: Seed of each task's first episode.
-        disturb: Size of the pushes; see ``lerobot_gcdt.recording.demonstrations.run_episode``.
+        disturb: Size of the pushes; see ``lerobot_gcdt.recording.episodes.run_episode``.
         extras: What to record beside what every dataset holds.
         workers: Processes at a time; None for one a core.
 

@@ -6,8 +6,10 @@ from pathlib import Path
 import numpy as np
 from lerobot.utils.constants import DEFAULT_FEATURES
 
-from lerobot_gcdt.recording.demonstrations import RECORDING_FILE
 from surrol_gym.registry import NAMESPACE, task_name, task_spec
+
+RECORDING_FILE = "meta/surrol.json"
+"""Beside LeRobot's metadata: what it takes to replay any episode, and how the expert did."""
 
 
 def card_facts(root: Path) -> dict:
@@ -35,6 +37,18 @@ def card_facts(root: Path) -> dict:
 def recordings(facts: dict) -> list[dict]:
     """Returns the facts of each recording that a dataset was merged from, or those of a recording itself."""
     return [part for whole in facts["merged_from"] for part in recordings(whole)] if "merged_from" in facts else [facts]
+
+
+def summary(root: str | Path) -> str:
+    """Describes a recorded dataset: the expert's success rate and its steps to success."""
+    facts = json.loads((Path(root) / RECORDING_FILE).read_text())
+    steps = np.array(facts["steps_to_success"])
+    who = "a person" if "human" in facts else "a policy and the expert" if "policy" in facts else "the expert"
+    return (
+        f"{facts['env_id']}: {len(steps)} episodes from {facts['attempts']} attempts of {who} "
+        f"(success rate {len(steps) / facts['attempts']:.3f}), first success after {steps.mean():.1f} steps "
+        f"({steps.min()}-{steps.max()})"
+    )
 
 
 def is_imported(facts: dict) -> bool:

@@ -24,9 +24,10 @@ import numpy as np
 
 import surrol_gym
 from lerobot_gcdt.locking import alone_in
-from lerobot_gcdt.recording.demonstrations import RECORDING_FILE, build_dataset
+from lerobot_gcdt.recording.facts import RECORDING_FILE
 from lerobot_gcdt.recording.features import NO_EXTRAS, to_columns
 from lerobot_gcdt.recording.unpickling import read_archive
+from lerobot_gcdt.recording.writing import build_dataset
 from surrol_gym.envs.psm_env import STEP_SIZE, PSMEnv, unwrapped
 
 OBSERVED = ("observation", "achieved_goal", "desired_goal")
@@ -109,7 +110,7 @@ def read_episodes(file: str | Path, env: PSMEnv) -> list[dict[str, np.ndarray]]:
         env: The task's environment, unwrapped.
 
     Returns:
-        For each episode what ``lerobot_gcdt.recording.demonstrations.run_episode`` returns.
+        For each episode what ``lerobot_gcdt.recording.episodes.run_episode`` returns.
 
     Raises:
         ValueError: The file is refused, has another layout, or does not fit the task.

@@ -9,8 +9,7 @@ import numpy as np
 
 from lerobot_gcdt.data.columns import read_columns
 from lerobot_gcdt.keys import ACHIEVED_GOAL, ACTION, DISTURBANCE, GOAL, REWARD, STATE, SUCCESS, TIME_TO_GOAL
-from lerobot_gcdt.recording.demonstrations import RECORDING_FILE
-from lerobot_gcdt.recording.facts import card_facts
+from lerobot_gcdt.recording.facts import RECORDING_FILE, card_facts
 
 MANIFEST = Path(__file__).parents[2] / "dataset_cards/manifest.json"
 """The committed one; an installed wheel has none."""

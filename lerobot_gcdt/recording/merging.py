@@ -23,9 +23,9 @@ from lerobot_gcdt.data.columns import read_columns
 from lerobot_gcdt.data.task_layouts import TaskLayout, padded_names, table_of, task_layouts
 from lerobot_gcdt.keys import COLUMNS, PADDED, STATE
 from lerobot_gcdt.locking import alone_in
-from lerobot_gcdt.recording.demonstrations import RECORDING_FILE, sort_statistics
+from lerobot_gcdt.recording.facts import RECORDING_FILE
 from lerobot_gcdt.recording.features import vector_feature
-from lerobot_gcdt.recording.writing import save_episode
+from lerobot_gcdt.recording.writing import save_episode, sort_statistics
 
 
 def merge(roots: Sequence[str | Path], root: str | Path) -> Path:

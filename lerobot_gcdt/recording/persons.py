@@ -33,7 +33,7 @@ class Person:
             extras: What to observe beside the environment's own observation.
 
         Returns:
-            As ``lerobot_gcdt.recording.demonstrations.run_episode``, for as many steps as the person took; nothing is
+            As ``lerobot_gcdt.recording.episodes.run_episode``, for as many steps as the person took; nothing is
             added to their actions.
 
         Raises:

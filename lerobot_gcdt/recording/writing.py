@@ -1,9 +1,22 @@
-"""Writing episodes at the speed of LeRobot's writer less a search that finds nothing."""
+"""Writing datasets, at the speed of LeRobot's writer less a search that finds nothing."""
 
+import json
+import os
+import shutil
+from collections.abc import Iterable
+from pathlib import Path
 from typing import Any
 
+import datasets
+import gymnasium as gym
+import numpy as np
 from lerobot.datasets import dataset_writer
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
+
+from lerobot_gcdt.keys import TIME_TO_GOAL
+from lerobot_gcdt.recording.facts import RECORDING_FILE
+from lerobot_gcdt.recording.features import Extras, describe_columns
+from surrol_gym.envs.psm_env import unwrapped
 
 EMBED = "embed_images"
 """Function of LeRobot 0.6.1's writer that goes through an episode row by row for pictures to put into the rows."""
@@ -28,3 +41,47 @@ def save_episode(dataset: LeRobotDataset, **options: Any) -> None:
         dataset.save_episode(**options)
     finally:
         setattr(dataset_writer, EMBED, search)
+
+
+def build_dataset(
+    env: gym.Env, extras: Extras, episodes: Iterable[dict[str, np.ndarray]], facts: dict, building: Path, root: Path
+) -> None:
+    """Writes episodes as a LeRobot dataset beside its final place and moves it there in one step.
+
+    Args:
+        env: The task's environment.
+        extras: What the episodes hold beside what all do.
+        episodes: What ``to_columns`` gives of each.
+        facts: What ``meta/surrol.json`` says; the steps to success are added.
+        building: Where the dataset is written; what an interrupted call left there is removed.
+        root: Folder of the dataset.
+    """
+    shutil.rmtree(building, ignore_errors=True)
+    datasets.disable_progress_bars()
+    dataset = LeRobotDataset.create(
+        f"local/{root.name}",
+        fps=env.metadata["render_fps"],
+        features=describe_columns(env, extras),
+        root=building,
+        robot_type="dvrk_psm",
+        use_videos=bool(extras.cameras),
+        video_backend="pyav",
+    )
+    steps = []
+    for columns in episodes:
+        steps.append(int(columns[TIME_TO_GOAL][0, 0]))
+        for t in range(len(columns[TIME_TO_GOAL])):
+            frame = {key: values[t] for key, values in columns.items()}
+            dataset.add_frame(frame | {"task": unwrapped(env).task_description})
+        save_episode(dataset, parallel_encoding=False)  # that would fork, which a worker of `--all` may not
+    dataset.finalize()
+    sort_statistics(building)
+    (building / RECORDING_FILE).write_text(json.dumps(facts | {"steps_to_success": steps}, indent=2) + "\n")
+    root.parent.mkdir(parents=True, exist_ok=True)
+    os.replace(building, root)
+
+
+def sort_statistics(root: Path) -> None:
+    """Brings a dataset's statistics into order: LeRobot writes them in that of a set, which differs by process."""
+    stats = root / "meta/stats.json"
+    stats.write_text(json.dumps(json.loads(stats.read_text()), indent=4, sort_keys=True) + "\n")

@@ -34,7 +34,7 @@ def recorded_episode(root: Path, episode: int) -> tuple[int, np.ndarray]:
 
 
 def _facts(root: Path) -> dict:
-    from lerobot_gcdt.recording.demonstrations import RECORDING_FILE  # slow to load, and seldom needed
+    from lerobot_gcdt.recording.facts import RECORDING_FILE  # slow to load, and seldom needed
 
     note = root / RECORDING_FILE
     if not note.exists():

@@ -1,4 +1,4 @@
-"""The trajectory bank: the dataset in memory, LeRobot's windows, hindsight relabelling, packing."""
+"""The trajectory bank: the dataset in memory, hindsight relabelling, packing."""
 
 import shutil
 from types import SimpleNamespace
@@ -10,7 +10,7 @@ import torch
 from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
-from lerobot_gcdt.data.trajectories import Sequences, TrajectoryBank
+from lerobot_gcdt.data.trajectories import TrajectoryBank
 from lerobot_gcdt.keys import ACHIEVED_GOAL, ACTION, GOAL, REQUIRED_KEYS, STATE, TIME_TO_GOAL
 
 
@@ -172,34 +172,10 @@ def test_trajectories_that_are_not_relabelled_are_whole(bank):
             assert torch.equal(sequences.items[key][sequences.segment == i], bank.items[key][start : start + 50]), key
 
 
-def test_windows_of_lerobot_hold_what_the_bank_holds(bank, needle_pick_windows):
-    windows = Sequences.of_windows(needle_pick_windows, {needle_pick_windows["task"][0]: [19, 3, 5]})
-    episodes = whole(bank, torch.tensor([0, 50, 100]))
-    assert windows.real.sum(1).tolist() == [50, 50, 20]
-    for key, value in episodes.items.items():
-        assert torch.equal(windows.items[key][:2], value[:2]), key
-        assert torch.equal(windows.items[key][2, 30:], value[2, :20]), key
-    assert torch.equal(windows.timestep[2, 30:], torch.arange(20))
-
-
 def test_a_foreign_dataset_is_told_with_what_it_lacks():
     foreign = SimpleNamespace(root="foreign", features=dict.fromkeys(set(REQUIRED_KEYS) - {GOAL}))
     with pytest.raises(ValueError, match=f"in foreign lacks {GOAL}; this policy needs .* `gcdt record`"):
         TrajectoryBank.of(foreign, "cpu")
-
-
-def test_windows_that_lack_something_or_are_of_an_unknown_task_are_named(needle_pick_windows):
-    dims = {needle_pick_windows["task"][0]: [19, 3, 5]}
-    without = {key: value for key, value in needle_pick_windows.items() if key != GOAL}
-    with pytest.raises(KeyError, match=f"lacks {GOAL}"):
-        Sequences.of_windows(without, dims)
-    with pytest.raises(KeyError, match="(?s)Unknown task 'Sew'.*Pick up the needle"):
-        Sequences.of_windows(needle_pick_windows | {"task": ["Sew"] * 3}, dims)
-
-
-def test_windows_with_too_few_numbers_name_both_sizes(needle_pick_windows):
-    with pytest.raises(ValueError, match=r"observation\.state.* 35\).*\(3, 50, 19\)"):
-        Sequences.of_windows(needle_pick_windows, {needle_pick_windows["task"][0]: [35, 3, 5]})
 
 
 def test_packing_keeps_every_step_once_and_trajectories_in_one_piece(bank):

@@ -233,3 +233,8 @@ def test_without_a_manifest_the_command_says_that_nothing_was_compared(recorded,
     nowhere = str(tmp_path / "manifest.json")
     cli.main(["record", "--all", "--episodes", "2", "--root", str(recorded), "--manifest", nowhere])
     assert f"There is no {nowhere}" in capsys.readouterr().out
+
+
+def test_the_name_of_a_dataset_is_that_of_its_task_in_small_letters():
+    assert collection.dataset_name("NeedlePick") == "surrol_needle_pick"
+    assert len({collection.dataset_name(task) for task in surrol_gym.TASKS}) == len(surrol_gym.TASKS)

@@ -15,11 +15,7 @@ import pytest
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
 import surrol_gym
-from lerobot_gcdt.recording import demonstrations
-from surrol_gym.envs.psm_env import Mount
-
-DOWNWARD = (Mount(start_position=(2.5, 0.25, 3.6)),)
-"""One arm whose tool points down."""
+from lerobot_gcdt.recording import demonstrations, writing
 
 ROOTS = ["needle_pick_root", "needle_reach_root", "disturbed_root"]
 
@@ -240,70 +236,6 @@ def test_episodes_without_pushes_have_no_disturbance(needle_pick_root):
 # Disturbed demonstrations.
 
 
-class Executed(gym.Wrapper):
-    """Notes the actions that reach the environment."""
-
-    def __init__(self, env):
-        super().__init__(env)
-        self.actions = []
-
-    def step(self, action):
-        self.actions.append(action)
-        return super().step(action)
-
-
-@pytest.fixture(scope="module")
-def disturbed():
-    """A disturbed episode of NeedlePick and the actions that were executed in it."""
-    env = Executed(gym.make("surrol/NeedlePick-v0"))
-    episode = demonstrations.run_episode(env, 3, 0.5)
-    env.close()
-    return episode, np.stack(env.actions)
-
-
-def test_a_disturbed_episode_records_what_the_expert_wanted(disturbed):
-    episode, _ = disturbed
-    env = gym.make("surrol/NeedlePick-v0")
-    expert = surrol_gym.make_expert(env)
-    env.close()
-    for t, action in enumerate(episode["action"]):
-        seen = {key: episode[key][t] for key in ("observation", "achieved_goal", "desired_goal")}
-        np.testing.assert_array_equal(expert.act(seen), action)
-
-
-def test_pushes_are_bounded_never_downwards_and_leave_the_jaws_alone(disturbed):
-    episode, executed = disturbed
-    pushes = episode["disturbance"]
-    np.testing.assert_array_equal(episode["action"] + pushes, executed)
-    assert np.any(pushes)
-    assert np.abs(pushes).max() <= 0.5
-    assert pushes[:, 2].min() >= 0
-    assert not pushes[:, 4].any()
-
-
-def test_most_steps_of_a_disturbed_episode_are_not_pushed(disturbed):
-    episode, executed = disturbed
-    assert np.mean(np.any(executed != episode["action"], axis=1)) < 0.5
-
-
-def test_a_disturbed_episode_repeats_from_its_seed(disturbed):
-    env = gym.make("surrol/NeedlePick-v0")
-    again = demonstrations.run_episode(env, 3, 0.5)
-    env.close()
-    for key, values in disturbed[0].items():
-        np.testing.assert_array_equal(again[key], values)
-
-
-def test_whether_the_first_step_is_pushed_does_not_follow_from_the_start():
-    env = gym.make("surrol/GauzeRetrieve-v0", max_episode_steps=1)
-    starts = [demonstrations.run_episode(env, seed, 0.3) for seed in range(200)]
-    env.close()
-    pushed = np.array([start["disturbance"].any() for start in starts])
-    gauze_x = np.array([start["achieved_goal"][0, 0] for start in starts])
-    assert gauze_x[pushed].min() < np.quantile(gauze_x, 0.25)
-    assert gauze_x[pushed].max() > np.quantile(gauze_x, 0.75)
-
-
 def test_a_disturbed_dataset_differs_and_tells_how_much_it_was_disturbed(reach_pair, tmp_path):
     root = demonstrations.record("NeedleReach", 2, 0, tmp_path / "reach", disturb=0.5)
     assert (facts(root)["disturb"], facts(reach_pair)["disturb"]) == (0.5, 0)
@@ -371,11 +303,6 @@ def test_every_episode_is_told_once_and_nothing_printed(tmp_path, capfd):
     assert not "".join(capfd.readouterr()).replace("argv[0]=\n", "")
 
 
-def test_the_name_of_a_dataset_is_that_of_its_task_in_small_letters():
-    assert demonstrations.dataset_name("NeedlePick") == "surrol_needle_pick"
-    assert len({demonstrations.dataset_name(task) for task in surrol_gym.TASKS}) == len(surrol_gym.TASKS)
-
-
 def test_recording_leaves_nothing_beside_the_dataset(reach_pair):
     assert [path.name for path in reach_pair.parent.iterdir()] == [reach_pair.name]
 
@@ -403,7 +330,7 @@ def test_a_dataset_goes_into_a_folder_whose_parents_do_not_exist(tmp_path):
 # are paid for once.
 _KILLED = """
 import os, random, signal, sys, time
-from lerobot_gcdt.recording import demonstrations
+from lerobot_gcdt.recording import demonstrations, writing
 from surrol_gym.envs.psm_env import PSMEnv
 
 TOUCHES = ("open", "os.mkdir", "os.rename", "os.rmdir", "os.remove", "shutil.rmtree")
@@ -541,7 +468,7 @@ def fills_up(monkeypatch, owner, name: str, call: int):
         (LeRobotDataset, "add_frame", 60, 2),
         (LeRobotDataset, "save_episode", 2, 2),
         (LeRobotDataset, "finalize", 1, 2),
-        (demonstrations, "sort_statistics", 1, 2),
+        (writing, "sort_statistics", 1, 2),
     ],
     ids=["second episode", "frame of the dataset", "episode of the dataset", "end of the dataset", "statistics"],
 )
@@ -692,51 +619,3 @@ def test_bad_arguments_leave_no_trace(tmp_path, arguments, named):
 def test_an_unknown_task_is_answered_with_the_known_ones(tmp_path):
     with pytest.raises(ValueError, match=", ".join(surrol_gym.TASKS)):
         demonstrations.record("NeedleThread", 1, 0, tmp_path / "reach")
-
-
-# Disturbed recordings.
-
-
-def test_disturbed_episodes_are_labelled_with_the_experts_own_actions(tmp_path):
-    root = demonstrations.record("NeedleReach", 1, 0, tmp_path / "reach", disturb=0.5)
-    seed = facts(root)["seeds"][0]
-    env = gym.make("surrol/NeedleReach-v0")
-    expert, clean = surrol_gym.make_expert(env), demonstrations.run_episode(env, seed)
-    disturbed = demonstrations.run_episode(env, seed, disturb=0.5)
-    labels = [
-        expert.act({key: disturbed[key][t] for key in ("observation", "achieved_goal", "desired_goal")})
-        for t in range(50)
-    ]
-    env.close()
-    assert np.array_equal(disturbed["action"], np.stack(labels))
-    assert not np.array_equal(disturbed["observation"], clean["observation"])
-    assert np.array_equal(episodes(root)[0]["observation.state"], disturbed["observation"])
-
-
-def test_pushes_never_go_down_nor_move_the_jaws():
-    rng = np.random.default_rng(0)
-    pushes = np.stack([demonstrations._push(rng, DOWNWARD) for _ in range(2000)])
-    assert (pushes[:, 2] >= 0).all() and (pushes[:, 4] == 0).all()
-    assert (pushes[:, 0] < 0).any() and (pushes[:, 0] > 0).any()
-
-
-def test_two_arms_are_pushed_apart_from_each_other_and_never_where_their_jaws_point():
-    mounts = gym.make("surrol/NeedleRegrasp-v0").unwrapped.mounts  # both point along x
-    rng = np.random.default_rng(0)
-    pushes = np.stack([demonstrations._push(rng, mounts) for _ in range(2000)]).reshape(-1, 2, 5)
-    assert (pushes[..., 0] <= 1e-9).all() and (pushes[..., 4] == 0).all()
-    assert (pushes[..., 2] < 0).any(axis=0).all() and (pushes[..., 2] > 0).any(axis=0).all()
-    pushed = pushes.any(axis=2)
-    assert (pushed[:, 0] & ~pushed[:, 1]).any() and (pushed[:, 1] & ~pushed[:, 0]).any()
-
-
-def test_a_fifth_of_the_steps_is_pushed():
-    rng = np.random.default_rng(0)
-    assert np.mean([demonstrations._push(rng, DOWNWARD).any() for _ in range(4000)]) == pytest.approx(0.2, abs=0.02)
-
-
-@pytest.mark.parametrize("level", [-0.1, 1.5])
-def test_a_disturbance_out_of_range_is_named(tmp_path, level):
-    with pytest.raises(ValueError, match=str(level)):
-        demonstrations.record("NeedleReach", 1, 0, tmp_path / "reach", disturb=level)
-    assert not list(tmp_path.iterdir())

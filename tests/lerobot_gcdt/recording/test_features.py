@@ -12,7 +12,7 @@ import surrol_gym
 from lerobot_gcdt.environment.surrol_env import env_class
 from lerobot_gcdt.hub.cards import dataset_card
 from lerobot_gcdt.recording import demonstrations, record
-from lerobot_gcdt.recording.demonstrations import run_episode
+from lerobot_gcdt.recording.episodes import run_episode
 from lerobot_gcdt.recording.features import Extras, describe_columns, time_to_goal, to_columns
 from lerobot_gcdt.recording.fields import FIELDS, register_field
 from lerobot_gcdt.recording.openh import describe_cartesian_state, observe_cartesian_state

@@ -13,7 +13,7 @@ import surrol_gym
 from lerobot_gcdt import GCDTPolicy
 from lerobot_gcdt.data.columns import read_columns
 from lerobot_gcdt.recording import Learner, record
-from lerobot_gcdt.recording.demonstrations import run_episode
+from lerobot_gcdt.recording.episodes import run_episode
 
 LIMIT = 50
 """Steps of an episode of NeedleReach."""

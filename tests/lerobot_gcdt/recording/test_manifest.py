@@ -11,7 +11,8 @@ import pytest
 
 import surrol_gym
 from lerobot_gcdt.recording import record
-from lerobot_gcdt.recording.demonstrations import dataset_name, run_episode
+from lerobot_gcdt.recording.collection import dataset_name
+from lerobot_gcdt.recording.episodes import run_episode
 from lerobot_gcdt.recording.features import to_columns
 from lerobot_gcdt.recording.manifest import (
     HASHED,

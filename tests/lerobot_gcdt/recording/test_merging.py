@@ -14,7 +14,7 @@ from lerobot_gcdt.data.columns import read_columns
 from lerobot_gcdt.data.task_layouts import TaskLayout, task_layouts
 from lerobot_gcdt.keys import ACTION, GOAL, KEPT, PADDED, STATE
 from lerobot_gcdt.recording import merge, record
-from lerobot_gcdt.recording.demonstrations import RECORDING_FILE
+from lerobot_gcdt.recording.facts import RECORDING_FILE
 from lerobot_gcdt.recording.features import Extras
 
 PICK = "Pick up the needle and bring its middle to the goal."

@@ -8,7 +8,7 @@ import pytest
 
 import surrol_gym
 from lerobot_gcdt.recording.collection import PUBLISHED_DISTURB
-from lerobot_gcdt.recording.demonstrations import run_episode
+from lerobot_gcdt.recording.episodes import run_episode
 
 pytestmark = pytest.mark.study
 
