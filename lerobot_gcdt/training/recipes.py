@@ -36,7 +36,7 @@ RECIPES = {
     ("gcdt", "finetune"): Recipe(2_000, 4, ("--policy.training_stage=finetune", "--policy.optimizer_lr=5e-4")),
     ("gcdt", "scratch"): Recipe(12_000, 2),
     ("bc", "scratch"): Recipe(24_000, 4),
-    ("dt", "scratch"): Recipe(5_000, 8),
+    ("dt", "scratch"): Recipe(10_000, 2),
     ("vinn", "scratch"): Recipe(1, 8),
     ("iql", "scratch"): Recipe(12_000, 4),
     ("plas", "scratch"): Recipe(12_000, 4),
