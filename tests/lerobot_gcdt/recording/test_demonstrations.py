@@ -236,6 +236,17 @@ def test_episodes_without_pushes_have_no_disturbance(needle_pick_root):
 # Disturbed demonstrations.
 
 
+def test_a_disturbed_recording_holds_what_run_episode_gives(tmp_path):
+    root = demonstrations.record("NeedleReach", 1, 0, tmp_path / "reach", disturb=0.5)
+    seed = facts(root)["seeds"][0]
+    env = gym.make("surrol/NeedleReach-v0")
+    clean, disturbed = demonstrations.run_episode(env, seed), demonstrations.run_episode(env, seed, disturb=0.5)
+    env.close()
+    assert not np.array_equal(disturbed["observation"], clean["observation"])
+    assert np.array_equal(episodes(root)[0]["observation.state"], disturbed["observation"])
+    assert np.array_equal(episodes(root)[0]["action"], disturbed["action"])
+
+
 def test_a_disturbed_dataset_differs_and_tells_how_much_it_was_disturbed(reach_pair, tmp_path):
     root = demonstrations.record("NeedleReach", 2, 0, tmp_path / "reach", disturb=0.5)
     assert (facts(root)["disturb"], facts(reach_pair)["disturb"]) == (0.5, 0)
@@ -330,7 +341,7 @@ def test_a_dataset_goes_into_a_folder_whose_parents_do_not_exist(tmp_path):
 # are paid for once.
 _KILLED = """
 import os, random, signal, sys, time
-from lerobot_gcdt.recording import demonstrations, writing
+from lerobot_gcdt.recording import demonstrations
 from surrol_gym.envs.psm_env import PSMEnv
 
 TOUCHES = ("open", "os.mkdir", "os.rename", "os.rmdir", "os.remove", "shutil.rmtree")
