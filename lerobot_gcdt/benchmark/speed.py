@@ -21,6 +21,7 @@ from lerobot_gcdt.policy.tokens import ORDER
 from lerobot_gcdt.policy.transformer import attention_mask
 from lerobot_gcdt.precision import autocast_dtype, faster_precision, training_precision
 from lerobot_gcdt.recording import record
+from lerobot_gcdt.training.windows import RowsInMemory
 
 BATCH, WINDOW = 8, 50
 """Episodes of a training step; steps of context in the comparison with LeRobot's loader."""
@@ -80,13 +81,15 @@ def measure(root: Path, device: str, context_length: int, rounds: int = 10) -> l
     def whole() -> torch.Tensor:
         return policy.forward({"index": index})[0]
 
-    windows = _windows(root, meta, device)
+    windows, from_memory = _windows(root, meta, device), _windows(root, meta, device, in_memory=True)
     times = _alternate(
         {
             "step": step(whole),
             "bare": step(bare),
             "data": lambda: policy._draw(index.to(device), context_length),
             "windows": step(lambda: policy.forward(next(windows))[0]),
+            "from files": lambda: next(windows),
+            "from memory": lambda: next(from_memory),
         },
         device,
         rounds,
@@ -107,17 +110,20 @@ def measure(root: Path, device: str, context_length: int, rounds: int = 10) -> l
         f"real tokens / computed tokens: {real:.2f}",
         f"training step with LeRobot's windows of {WINDOW} steps / with the bank: "
         f"{times['windows'] / times['step']:.1f}",
+        f"LeRobot's windows / the same from memory: {times['from files'] / times['from memory']:.1f}",
         f"select_action at step 100: {1e3 * last:.1f} ms; over step 1: {last / first:.2f}",
     ]
 
 
-def _windows(root: Path, meta: LeRobotDatasetMetadata, device: str) -> Iterator[dict]:
+def _windows(root: Path, meta: LeRobotDatasetMetadata, device: str, in_memory: bool = False) -> Iterator[dict]:
     """Batches from LeRobot's own loader, of as many steps as the bank's."""
     offsets = [i / meta.fps for i in range(1 - WINDOW, 1)]
     keys = (*REQUIRED_KEYS, "frame_index")
     dataset = LeRobotDataset(
         meta.repo_id, root=root, delta_timestamps=dict.fromkeys(keys, offsets), video_backend="pyav"
     )
+    if in_memory:
+        dataset.reader.hf_dataset = RowsInMemory(dataset.hf_dataset)
     while True:
         for batch in torch.utils.data.DataLoader(dataset, batch_size=BATCH, shuffle=True, drop_last=True):
             yield {key: value.to(device) if isinstance(value, torch.Tensor) else value for key, value in batch.items()}

@@ -25,6 +25,7 @@ from lerobot_gcdt.locking import alone_in
 from lerobot_gcdt.training.beginnings import beginning, note_beginning
 from lerobot_gcdt.training.learned_data import fingerprint, note_datasets
 from lerobot_gcdt.training.outputs import loss_curve, trainer_folder, training_seconds
+from lerobot_gcdt.training.windows import windows_from_memory
 
 FIRST_STEP = "Start offline training"
 """What LeRobot logs when everything is prepared; were it not found, a second or two of that would count as training."""
@@ -85,7 +86,7 @@ def run(arguments: Sequence[str], losses: Path, stage: str) -> None:
     logger = logging.getLogger()
     logger.addFilter(keep_row)
     try:
-        with _command_line(arguments):
+        with _command_line(arguments), windows_from_memory():
             lerobot_train.main()
     finally:
         logger.removeFilter(keep_row)

@@ -21,6 +21,7 @@ def test_every_figure_is_printed(lines):
         "data and relabelling / training step",
         "real tokens / computed tokens",
         "training step with LeRobot's windows of # steps / with the bank",
+        "LeRobot's windows / the same from memory",
         "select_action at step #",
     ]
     assert all(float(number) > 0 for line in lines for number in re.findall(r": ([\d.]+)", line))
