@@ -7,6 +7,8 @@ from typing import NamedTuple
 from lerobot.configs.policies import PreTrainedConfig
 from lerobot.utils.import_utils import register_third_party_plugins
 
+from lerobot_gcdt.baselines.one_task import whole_cosine
+
 STAGES = ("pretrain", "generalist", "finetune", "scratch")
 """The second and the third begin with a checkpoint, the others with random weights; the first two are GCDT's."""
 
@@ -19,11 +21,26 @@ class Recipe(NamedTuple):
     options: tuple[str, ...] = ()
 
 
-def _lerobots(steps: int, batch_size: int, normalisation: str, *options: str) -> Recipe:
-    """A recipe of one of LeRobot's policies, which leave the goal as it is unless they are told to normalise it."""
-    modes = ", ".join(f'"{kind}": "{normalisation}"' for kind in ("STATE", "ENV", "ACTION"))
-    settings = (f"normalization_mapping={{{modes}}}", *options)
-    return Recipe(steps, batch_size, tuple(f"--policy.{option}" for option in settings))
+def _lerobots(
+    steps: int, batch_size: int, normalisation: str, *settings: str, training: tuple[str, ...] = ()
+) -> Recipe:
+    """A recipe of one of LeRobot's policies, which leave the goal as it is unless they are told to normalise it.
+
+    Goals may hold a constant, of which LeRobot's mean is rounded; divided by a deviation of 0 that would be hundreds.
+    """
+    modes = f'{{"STATE": "{normalisation}", "ENV": "MIN_MAX", "ACTION": "{normalisation}"}}'
+    settings = (f"normalization_mapping={modes}", *settings)
+    return Recipe(steps, batch_size, (*(f"--policy.{setting}" for setting in settings), *training))
+
+
+def _cosine(peak_lr: float) -> tuple[str, ...]:
+    """AdamW and ``whole_cosine`` for a policy that would be trained at a constant learning rate."""
+    schedule = whole_cosine(peak_lr)
+    return (
+        *("--use_policy_training_preset=false", "--optimizer.type=adamw", f"--optimizer.lr={peak_lr}"),
+        *("--optimizer.weight_decay=1e-4", f"--scheduler.type={schedule.type}"),
+        *(f"--scheduler.{name}={value}" for name, value in vars(schedule).items()),
+    )
 
 
 RECIPES = {
@@ -39,11 +56,13 @@ RECIPES = {
     ("dt", "scratch"): Recipe(10_000, 2),
     ("vinn", "scratch"): Recipe(1, 8),
     ("iql", "scratch"): Recipe(12_000, 4),
-    ("plas", "scratch"): Recipe(12_000, 4),
+    # Within ±2, the default, the policy chooses what no demonstrator does.
+    ("plas", "scratch"): Recipe(12_000, 4, ("--policy.max_latent=0.5",)),
     # Small enough for a few dozen numbers, and observed anew every second or two: LeRobot's settings are for pictures.
     ("act", "scratch"): _lerobots(
         *(5_000, 32, "MEAN_STD", "chunk_size=10", "n_action_steps=5", "dim_model=128", "n_heads=4"),
-        *("dim_feedforward=512", "n_vae_encoder_layers=2", "optimizer_lr=5e-4"),
+        *("dim_feedforward=512", "n_vae_encoder_layers=2", "dropout=0"),
+        training=_cosine(5e-4),
     ),
     ("diffusion", "scratch"): _lerobots(
         *(5_000, 32, "MIN_MAX", "horizon=16", "n_action_steps=8", "down_dims=[64,128]", "optimizer_lr=5e-4"),

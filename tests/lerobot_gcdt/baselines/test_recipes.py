@@ -2,8 +2,11 @@
 
 import json
 
+import numpy as np
 import pytest
 import torch
+from lerobot.configs.types import FeatureType, NormalizationMode, PolicyFeature
+from lerobot.processor import NormalizerProcessorStep, TransitionKey, create_transition
 
 from lerobot_gcdt import SurRoLEnvConfig, training
 from lerobot_gcdt.evaluation import evaluate, load_policy
@@ -40,8 +43,24 @@ def test_it_is_evaluated(policy):
     assert len(evaluate(policy, ["NeedleReach"], [20_000, 20_001])) == 2
 
 
-@pytest.mark.parametrize("kind", ["act", "diffusion"])
-def test_lerobots_policies_normalise_the_goal_and_look_again_within_two_seconds(kind):
-    options = dict(option.removeprefix("--policy.").split("=") for option in RECIPES[kind, "scratch"].options)
-    assert json.loads(options["normalization_mapping"])["ENV"] != "IDENTITY"
-    assert int(options["n_action_steps"]) <= 2 * SurRoLEnvConfig().fps
+@pytest.fixture(params=["act", "diffusion"])
+def lerobots(request):
+    """Settings of the recipe of one of LeRobot's policies."""
+    return dict(option.removeprefix("--policy.").split("=") for option in RECIPES[request.param, "scratch"].options)
+
+
+def test_lerobots_policies_look_again_within_two_seconds(lerobots):
+    assert int(lerobots["n_action_steps"]) <= 2 * SurRoLEnvConfig().fps
+
+
+def test_lerobots_policies_normalise_the_goal_also_where_it_is_constant(lerobots):
+    goal = np.full(1, 3.475, dtype=np.float32)
+    rounded = np.nextafter(goal, np.float32(4))  # as LeRobot's mean over many episodes is
+    mode = NormalizationMode(json.loads(lerobots["normalization_mapping"])["ENV"])
+    normalise = NormalizerProcessorStep(
+        features={ENVIRONMENT_STATE: PolicyFeature(FeatureType.ENV, (1,))},
+        norm_map={FeatureType.ENV: mode},
+        stats={ENVIRONMENT_STATE: {"mean": rounded, "std": np.zeros(1), "min": goal, "max": goal}},
+    )
+    seen = normalise(create_transition({ENVIRONMENT_STATE: torch.from_numpy(goal)}))[TransitionKey.OBSERVATION]
+    assert seen[ENVIRONMENT_STATE].abs() <= 1
