@@ -25,7 +25,7 @@ from lerobot_gcdt.keys import COLUMNS, PADDED, STATE
 from lerobot_gcdt.locking import alone_in
 from lerobot_gcdt.recording.facts import RECORDING_FILE
 from lerobot_gcdt.recording.features import vector_feature
-from lerobot_gcdt.recording.writing import save_episode, sort_statistics
+from lerobot_gcdt.recording.writing import save_episode, tidy_statistics
 
 
 def merge(roots: Sequence[str | Path], root: str | Path) -> Path:
@@ -75,7 +75,7 @@ def merge(roots: Sequence[str | Path], root: str | Path) -> Path:
         shutil.rmtree(whole, ignore_errors=True)
         # Not merge_datasets, which opens the result afterwards and looks for a decoder of films.
         aggregate_datasets([f"local/{copy.name}" for copy in copies], f"local/{root.name}", copies, whole)
-        sort_statistics(whole)
+        tidy_statistics(whole)
         facts = {"merged_from": [json.loads((source / RECORDING_FILE).read_text()) for source in sources]}
         (whole / RECORDING_FILE).write_text(json.dumps(facts, indent=2) + "\n")
         os.replace(whole, root)

@@ -75,13 +75,23 @@ def build_dataset(
             dataset.add_frame(frame | {"task": unwrapped(env).task_description})
         save_episode(dataset, parallel_encoding=False)  # that would fork, which a worker of `--all` may not
     dataset.finalize()
-    sort_statistics(building)
+    tidy_statistics(building)
     (building / RECORDING_FILE).write_text(json.dumps(facts | {"steps_to_success": steps}, indent=2) + "\n")
     root.parent.mkdir(parents=True, exist_ok=True)
     os.replace(building, root)
 
 
-def sort_statistics(root: Path) -> None:
-    """Brings a dataset's statistics into order: LeRobot writes them in that of a set, which differs by process."""
-    stats = root / "meta/stats.json"
-    stats.write_text(json.dumps(json.loads(stats.read_text()), indent=4, sort_keys=True) + "\n")
+def tidy_statistics(root: Path) -> None:
+    """Brings a dataset's statistics into order, and makes those of constants exact.
+
+    LeRobot writes them in the order of a set, which differs by process. It rounds the mean of what never changes and
+    finds a deviation, so that a goal's constant, normalised by them, would be as large as 191 instead of 0.
+    """
+    path = root / "meta/stats.json"
+    statistics = json.loads(path.read_text())
+    for column in statistics.values():
+        least = np.array(column["min"])
+        constant = least == np.array(column["max"])
+        for name, exact in (("mean", least), ("std", 0.0)):
+            column[name] = np.where(constant, exact, column[name]).tolist()
+    path.write_text(json.dumps(statistics, indent=4, sort_keys=True) + "\n")

@@ -479,7 +479,7 @@ def fills_up(monkeypatch, owner, name: str, call: int):
         (LeRobotDataset, "add_frame", 60, 2),
         (LeRobotDataset, "save_episode", 2, 2),
         (LeRobotDataset, "finalize", 1, 2),
-        (writing, "sort_statistics", 1, 2),
+        (writing, "tidy_statistics", 1, 2),
     ],
     ids=["second episode", "frame of the dataset", "episode of the dataset", "end of the dataset", "statistics"],
 )

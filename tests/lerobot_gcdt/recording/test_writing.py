@@ -67,3 +67,22 @@ def test_pictures_inside_rows_are_still_found(written, searches):
 def test_a_lerobot_without_that_search_writes_as_well(written, monkeypatch):
     monkeypatch.setattr(writing, "EMBED", "gone")
     assert written(writing.save_episode, "ours").num_rows == 4
+
+
+def test_statistics_of_constants_are_exact_and_others_are_left(tmp_path):
+    (tmp_path / "meta").mkdir()
+    file = tmp_path / "meta/stats.json"
+    file.write_text(
+        json.dumps({"b": {"min": [3.4354, 0.0], "max": [3.4354, 1.0], "mean": [3.4353971, 0.25], "std": [0.006, 0.3]}})
+    )
+    writing.tidy_statistics(tmp_path)
+    tidied = json.loads(file.read_text())
+    assert tidied == {"b": {"max": [3.4354, 1.0], "mean": [3.4354, 0.25], "min": [3.4354, 0.0], "std": [0.0, 0.3]}}
+    assert [*tidied["b"]] == ["max", "mean", "min", "std"]
+
+
+def test_what_never_changes_in_a_recording_is_normalised_to_zero(needle_reach_root):
+    statistics = json.loads((needle_reach_root / "meta/stats.json").read_text())
+    least, most, mean, std = (statistics["observation.state"][name][3] for name in ("min", "max", "mean", "std"))
+    assert least == most == mean
+    assert std == 0
