@@ -7,8 +7,6 @@ from typing import NamedTuple
 from lerobot.configs.policies import PreTrainedConfig
 from lerobot.utils.import_utils import register_third_party_plugins
 
-from lerobot_gcdt.baselines.one_task import whole_cosine
-
 STAGES = ("pretrain", "generalist", "finetune", "scratch")
 """The second and the third begin with a checkpoint, the others with random weights; the first two are GCDT's."""
 
@@ -34,12 +32,12 @@ def _lerobots(
 
 
 def _cosine(peak_lr: float) -> tuple[str, ...]:
-    """AdamW and ``whole_cosine`` for a policy that would be trained at a constant learning rate."""
-    schedule = whole_cosine(peak_lr)
+    """AdamW, a warm-up over a twentieth and a cosine decay to a hundredth, which LeRobot shrinks to any training."""
     return (
         *("--use_policy_training_preset=false", "--optimizer.type=adamw", f"--optimizer.lr={peak_lr}"),
-        *("--optimizer.weight_decay=1e-4", f"--scheduler.type={schedule.type}"),
-        *(f"--scheduler.{name}={value}" for name, value in vars(schedule).items()),
+        *("--optimizer.weight_decay=1e-4", "--scheduler.type=cosine_decay_with_warmup"),
+        *("--scheduler.num_warmup_steps=50000", "--scheduler.num_decay_steps=1000000"),
+        *(f"--scheduler.peak_lr={peak_lr}", f"--scheduler.decay_lr={peak_lr / 100}"),
     )
 
 
