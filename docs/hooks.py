@@ -17,6 +17,9 @@ SHOWN = ("CHANGELOG.md", "CONTRIBUTING.md", "dataset_cards/*.md", "examples/pape
 
 TABLE = re.compile(r"<!-- (\w+): the README's -->")
 FORMULA = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', re.DOTALL)
+OWN_PAGE = re.compile(r"\]\(((?:\.\./)*)docs/")
+"""A link to a page of ``docs/``, whose folder the site does not have."""
+
 CITATION = re.compile(r"docs/([a-z_]+)\.md(?:#([a-z0-9-]+))?")
 
 
@@ -29,7 +32,8 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Inserts the README's tables, and lets links to files beside ``docs/``, as they hold in the repository, hold."""
+    """Inserts the README's tables, and lets links to and from files beside ``docs/`` hold as in the repository."""
+    markdown = OWN_PAGE.sub(r"](\1", markdown)
     if "/" in page.file.src_uri:
         return markdown
     return TABLE.sub(lambda found: _table(found[1]), markdown.replace("](../", "]("))
