@@ -29,7 +29,7 @@ class RowsInMemory:
     """The rows of a dataset, whose columns of numbers are read once, when they are first asked for.
 
     `datasets` copies the description of the whole dataset whenever rows of a column are read, and LeRobot reads so
-    each window of each column: in a training of Diffusion Policy that is nine tenths of the time.
+    each window of each column by itself. ``lerobot_gcdt.benchmark.speed`` tells what that costs.
 
     Args:
         rows: What LeRobot reads, with its transform.

@@ -9,6 +9,7 @@ from lerobot.configs.types import FeatureType, NormalizationMode, PolicyFeature
 from lerobot.processor import NormalizerProcessorStep, TransitionKey, create_transition
 
 from lerobot_gcdt import SurRoLEnvConfig, training
+from lerobot_gcdt.baselines.one_task import whole_cosine
 from lerobot_gcdt.evaluation import evaluate, load_policy
 from lerobot_gcdt.keys import ACHIEVED_GOAL, ENVIRONMENT_STATE, GOAL, STATE
 from lerobot_gcdt.training.recipes import RECIPES
@@ -57,6 +58,7 @@ def test_lerobots_policies_normalise_the_goal_also_where_it_is_constant(lerobots
     goal = np.full(1, 3.475, dtype=np.float32)
     rounded = np.nextafter(goal, np.float32(4))  # as LeRobot's mean over many episodes is
     mode = NormalizationMode(json.loads(lerobots["normalization_mapping"])["ENV"])
+    assert mode is not NormalizationMode.IDENTITY
     normalise = NormalizerProcessorStep(
         features={ENVIRONMENT_STATE: PolicyFeature(FeatureType.ENV, (1,))},
         norm_map={FeatureType.ENV: mode},
@@ -64,3 +66,10 @@ def test_lerobots_policies_normalise_the_goal_also_where_it_is_constant(lerobots
     )
     seen = normalise(create_transition({ENVIRONMENT_STATE: torch.from_numpy(goal)}))[TransitionKey.OBSERVATION]
     assert seen[ENVIRONMENT_STATE].abs() <= 1
+
+
+def test_acts_learning_rate_falls_as_that_of_the_baselines_does():
+    options = dict(option.removeprefix("--").split("=") for option in RECIPES["act", "scratch"].options)
+    schedule = whole_cosine(float(options["optimizer.lr"]))
+    assert options["scheduler.type"] == schedule.type
+    assert {name: float(options[f"scheduler.{name}"]) for name in vars(schedule)} == vars(schedule)
