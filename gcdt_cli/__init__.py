@@ -6,6 +6,7 @@ PyTorch and LeRobot, which takes many seconds. Whoever asks for help or mistypes
 
 import argparse
 import os
+import signal
 import sys
 
 from gcdt_cli import benchmark, evaluation, export_dvrk, importing, merging, publishing, record, training
@@ -24,6 +25,7 @@ def main(arguments: list[str] | None = None) -> None:
     for module in COMMANDS:
         module.add(commands)
     options = parser.parse_args(arguments)
+    before = signal.signal(signal.SIGTERM, _end)
     try:
         options.run(options)
     except KeyboardInterrupt:
@@ -37,3 +39,10 @@ def main(arguments: list[str] | None = None) -> None:
         if not isinstance(error, DecodingError):
             raise
         sys.exit(f"gcdt {options.command}: {error}")  # a checkpoint's settings, such as those of a missing plugin
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def _end(*_: object) -> None:
+    """Ends as Ctrl+C does, with the processes that the command has launched, which would go on alone."""
+    sys.exit(128 + signal.SIGTERM)  # as shells tell it

@@ -2,6 +2,7 @@
 
 import json
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -368,6 +369,29 @@ def test_an_interrupted_command_ends_in_one_line(monkeypatch, capsys, tmp_path):
     with pytest.raises(SystemExit) as end:
         cli.main(["merge", "a", "b", "--root", str(tmp_path / "merged")])
     assert end.value.code == 130 and capsys.readouterr().err == "gcdt merge: interrupted\n"
+
+
+_TERMINATED = """
+import subprocess, sys
+from types import SimpleNamespace
+import gcdt_cli
+
+def run(_):
+    trainer = "import os, time; print(os.getpid(), flush=True); time.sleep(60)"
+    subprocess.run([sys.executable, "-c", trainer])
+
+gcdt_cli.COMMANDS = [SimpleNamespace(add=lambda commands: commands.add_parser("train").set_defaults(run=run))]
+gcdt_cli.main(["train"])
+"""
+
+
+def test_a_terminated_command_ends_what_it_launched():
+    with subprocess.Popen([sys.executable, "-c", _TERMINATED], stdout=subprocess.PIPE, text=True) as command:
+        launched = int(command.stdout.readline())
+        command.terminate()
+        assert command.wait(30) == 128 + signal.SIGTERM
+    with pytest.raises(ProcessLookupError):
+        os.kill(launched, 0)
 
 
 def test_a_number_of_episodes_to_evaluate_is_no_file():

@@ -425,7 +425,7 @@ killed_at_random(kills, duration)
 """
 
 
-@pytest.fixture(scope="module", params=[4, pytest.param(100, marks=pytest.mark.study)], ids="{} kills".format)
+@pytest.fixture(scope="module", params=[2, pytest.param(100, marks=pytest.mark.study)], ids="{} kills".format)
 def killed_recordings(request, tmp_path_factory):
     """Folders of recordings that were killed once and run again, and of one that was not."""
     folder = tmp_path_factory.mktemp("killed")
