@@ -34,7 +34,7 @@ METHODS = {
     "perceptron": "perceptron",
     "expert": "scripted expert",
     "dt_goal": "DT with the goal",
-    "dt": "DT",
+    "dt": "DT without the goal",
     "act": "ACT",
     "diffusion": "Diffusion Policy",
     "vinn": "VINN",

@@ -5,6 +5,7 @@
 
 Trainings that share a name are of one policy, whose success is their mean. One thing at a time gets worse. Episodes are
 kept beside the checkpoints, so that none is run twice, and those that are drawn also beside the figure.
+examples/studies.py draws the committed ones.
 """
 
 import argparse
@@ -38,16 +39,16 @@ def run(policies: list[tuple[str, Path]], task: str, seeds: range) -> pd.DataFra
     """Evaluates checkpoints, with the names of their policies, at every level of every imperfection and without any.
 
     Returns:
-        A row an episode: ``POINT``, ``checkpoint``, ``seed``, ``reached``, ``held`` and ``steps``. Level 0 of every
-        imperfection holds the same episodes.
+        A row an episode: ``POINT``, ``training`` (of the policy, from 0), ``task``, ``seed``, ``reached``, ``held`` and
+        ``steps``. Level 0 of every imperfection holds the same episodes.
     """
     settings = [(name, level) for name, (_, levels) in IMPERFECTIONS.items() for level in (0, *levels)]
-    found = []
-    for (policy, checkpoint), (name, level) in product(policies, settings):
+    found, names = [], [policy for policy, _ in policies]
+    for (place, (policy, checkpoint)), (name, level) in product(enumerate(policies), settings):
         file = checkpoint.parent / f"robustness/{name}_{level:g}.parquet" if level else None
         episodes = evaluate_checkpoint(checkpoint, [task], seeds, file=file, sensors={name: level})
-        facts = {"imperfection": name, "level": float(level), "policy": policy, "checkpoint": str(checkpoint)}
-        found.append(episodes.assign(**facts)[[*facts, "seed", "reached", "held", "steps"]])
+        facts = {"imperfection": name, "level": float(level), "policy": policy, "training": names[:place].count(policy)}
+        found.append(episodes.assign(**facts)[[*facts, "task", "seed", "reached", "held", "steps"]])
     return pd.concat(found, ignore_index=True)
 
 
@@ -55,7 +56,7 @@ def held_rates(episodes: pd.DataFrame) -> pd.DataFrame:
     """Returns the rate of ``held`` of each ``POINT``, with the bounds of its interval, ``low`` and ``high``."""
     rows = []
     for point, rest in episodes.groupby(POINT, sort=False):
-        each = rest.groupby("checkpoint").held.mean()
+        each = rest.groupby("training").held.mean()
         rows.append((*point, each.mean(), *trainings_interval(each.tolist(), rest.seed.nunique())))
     return pd.DataFrame(rows, columns=[*POINT, "held", "low", "high"])
 
@@ -67,7 +68,7 @@ def table(rates: pd.DataFrame) -> str:
     for (name, level), rows in rates.groupby(POINT[:2], sort=False):
         cells = [f"{row.held:.2f} ({row.low:.2f}-{row.high:.2f})" for row in rows.itertuples()]
         lines.append(f"| {IMPERFECTIONS[name][0]} | {level:g} | {' | '.join(cells)} |")
-    return "\n".join(lines)
+    return "\n".join(lines) + "\n"
 
 
 def plot(rates: pd.DataFrame, path: Path) -> None:
@@ -108,9 +109,7 @@ def main(arguments: list[str] | None = None) -> None:
     episodes.to_parquet(options.output / "episodes.parquet")
     rates = held_rates(episodes)
     plot(rates, options.output / "robustness.png")
-    print(
-        f"{options.task}, held at the end, from {len(seeds)} starts:\n\n{table(rates)}\n\nAll is in {options.output}."
-    )
+    print(f"{options.task}, held at the end, from {len(seeds)} starts:\n\n{table(rates)}\nAll is in {options.output}.")
 
 
 if __name__ == "__main__":

@@ -62,7 +62,7 @@ RECIPES = {
         *("dim_feedforward=512", "n_vae_encoder_layers=2", "dropout=0"),
         training=_cosine(5e-4),
     ),
-    # Asked for the noise in 16 actions instead of 8 actions, it held .08 instead of .87 (examples/paper_table/notes.md).
+    # Predicting the noise in 16 actions it held .08, predicting 8 actions .87 (examples/paper_table/notes.md).
     ("diffusion", "scratch"): _lerobots(
         *(5_000, 32, "MIN_MAX", "horizon=8", "n_action_steps=4", "drop_n_last_frames=3", "down_dims=[64,128]"),
         *("optimizer_lr=1e-3", "prediction_type=sample", "noise_scheduler_type=DDIM", "num_inference_steps=10"),

@@ -39,7 +39,8 @@ def test_every_level_is_evaluated_once_and_drawn(small, trainings, tmp_path, cap
         for level in levels
         for policy, count in (("both", 4), ("one", 2))
     }
-    assert set(first.seed) == {20_000, 20_001}
+    assert set(first.seed) == {20_000, 20_001} and set(first.task) == {"NeedleReach"}
+    assert first.groupby("policy").training.unique().map(list).to_dict() == {"both": [0, 1], "one": [0]}
     assert (output / "robustness.png").read_bytes().startswith(b"\x89PNG")
     assert "| noise of actions | 0.2 | 0.00 (0.00-0.66) | 0.00 (0.00-0.66) |" in capsys.readouterr().out
 
@@ -59,7 +60,7 @@ def test_rates_are_means_over_trainings_with_intervals_of_their_starts():
             "imperfection": "arm",
             "level": 0.1,
             "policy": "mine",
-            "checkpoint": ["a"] * 4 + ["b"] * 4,
+            "training": [0] * 4 + [1] * 4,
             "seed": [*range(4)] * 2,
         }
     ).assign(held=[True] * 4 + [True, True, False, False])

@@ -5,25 +5,35 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
+import robustness
 
-from lerobot_gcdt.benchmark.report import sensor_columns, success_table
+from lerobot_gcdt.benchmark.report import sensor_columns
 from lerobot_gcdt.hub.documents import read_section
 from surrol_gym.wrappers import IDEAL
 
 SCRIPT = runpy.run_path(str(Path(__file__).parents[2] / "examples/studies.py"))
 
 
-@pytest.mark.parametrize("study", SCRIPT["FIGURES"])
-def test_a_study_has_a_table_and_a_figure(study):
-    assert read_section(SCRIPT["RESULTS"], study) == success_table(SCRIPT["rates_of"](study))
-    assert (SCRIPT["STUDIES"] / f"{study}.png").read_bytes().startswith(b"\x89PNG")
+@pytest.mark.parametrize("name", SCRIPT["SHOWN"])
+def test_a_study_has_a_table_and_a_figure(name):
+    study = SCRIPT["SHOWN"][name]
+    rates = study.rates(pd.read_parquet(SCRIPT["STUDIES"] / f"{name}.parquet"))
+    assert read_section(SCRIPT["RESULTS"], name) == study.table(rates)
+    assert (SCRIPT["STUDIES"] / f"{name}.png").read_bytes().startswith(b"\x89PNG")
 
 
-@pytest.mark.parametrize("study", SCRIPT["FIGURES"])
-def test_every_rate_of_a_study_is_over_the_same_two_hundred_starts(study):
-    episodes = pd.read_parquet(SCRIPT["STUDIES"] / f"{study}.parquet")
+@pytest.mark.parametrize("name", [name for name in SCRIPT["SHOWN"] if name != "robustness"])
+def test_every_rate_of_a_benchmark_is_over_the_same_two_hundred_starts(name):
+    episodes = pd.read_parquet(SCRIPT["STUDIES"] / f"{name}.parquet")
     for _, rows in episodes.groupby([*sensor_columns(episodes), *SCRIPT["KEY"][:-1]]):
         assert sorted(rows.seed) == list(SCRIPT["STARTS"]) == list(range(20_000, 20_200))
+
+
+def test_robustness_is_over_the_same_hundred_starts():
+    episodes = pd.read_parquet(SCRIPT["STUDIES"] / "robustness.parquet")
+    assert {*episodes.imperfection} == {*robustness.IMPERFECTIONS}
+    for _, rows in episodes.groupby(SCRIPT["OF_ROBUSTNESS"][:-1]):
+        assert sorted(rows.seed) == list(range(20_000, 20_100))
 
 
 @pytest.fixture
@@ -52,11 +62,22 @@ def test_a_benchmark_is_taken_over_once_with_all_its_points(tmp_path, add):
     assert list(kept) == SCRIPT["COLUMNS"] and kept.step.tolist() == [1, 2] and kept.seed.unique().tolist() == [20_000]
 
 
+def test_robustness_is_taken_over_once(tmp_path, add):
+    point = {"imperfection": "delay", "level": 1.0, "policy": "ACT", "training": 0, "task": "PegTransfer"}
+    rows = pd.DataFrame(
+        [point | {"seed": seed, "reached": True, "held": True, "steps": 7.0} for seed in (20_000, 20_001)]
+    )
+    rows.to_parquet(tmp_path / "episodes.parquet")
+    for _ in range(2):
+        add(tmp_path, "robustness")
+    pd.testing.assert_frame_equal(pd.read_parquet(tmp_path / "robustness.parquet"), rows)
+
+
 def test_levels_of_noise_are_told_apart(tmp_path, add):
     for level in (0.02, 0.01):
         write_benchmark(tmp_path, **IDEAL | {"position_std": level})
         add(tmp_path, "memory")
-    rates = SCRIPT["rates_of"]("memory")
+    rates = SCRIPT["rates_of"](pd.read_parquet(tmp_path / "memory.parquet"))
     assert rates.position_std.tolist() == [0.01, 0.01, 0.02, 0.02] and rates.step.tolist() == [1, 2, 1, 2]
 
 
@@ -72,4 +93,4 @@ def test_a_benchmark_is_taken_over_for_a_study_alone(tmp_path, monkeypatch, caps
     monkeypatch.setattr("sys.argv", ["studies.py", "--add", str(tmp_path)])
     with pytest.raises(SystemExit):
         SCRIPT["main"]()
-    assert "belong together; studies are curves, memory" in capsys.readouterr().err
+    assert "belong together; studies are curves, demonstrations, memory, robustness" in capsys.readouterr().err
