@@ -160,6 +160,8 @@ def _draw_bars(axes: Axes, ends: pd.DataFrame, tasks: list[str], places: int, me
     width = 0.8 / len(methods)
     for i, method in enumerate(methods):
         of_method = ends[(ends.method == method) & ends.task.isin(tasks)]
+        if of_method.empty:  # no bars, which would stand in the legend in another colour
+            continue
         where = [tasks.index(task) + (i - (len(methods) - 1) / 2) * width for task in of_method.task]
         errors = np.array([of_method.held - of_method.held_low, of_method.held_high - of_method.held])
         errors = errors.clip(min=0)  # rounding makes -1e-16 of the 0 above a rate of 1

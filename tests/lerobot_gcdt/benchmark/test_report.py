@@ -4,6 +4,7 @@ import itertools
 
 import pandas as pd
 import pytest
+from matplotlib.container import BarContainer
 
 from lerobot_gcdt.benchmark.report import (
     in_order,
@@ -154,6 +155,21 @@ def test_bars_of_many_tasks_and_methods_stand_in_rows(tmp_path, drawn):
     [figure] = drawn
     assert figure.get_figwidth() <= 16
     assert [text.get_text() for axes in figure.axes for text in axes.get_xticklabels()] == tasks
+
+
+def test_a_method_that_some_rows_lack_has_the_colour_of_its_bars_in_the_legend(tmp_path, drawn):
+    tasks, names = [f"Task{i}" for i in range(10)], [f"method{i}" for i in range(9)]
+    one = episodes(100).query("method == 'gcdt' and task == 'NeedlePick'")
+    many = [one.assign(task=task, method=name) for task, name in itertools.product(tasks, names)]
+    alone = [one.assign(task=task, method=f"only in {task}") for task in (tasks[0], tasks[-1])]
+    plot_bars(success_rates(pd.concat([*many, *alone])), tmp_path / "bars.png")
+    [figure] = drawn
+    [legend] = figure.legends
+    shown = dict(zip([text.get_text() for text in legend.get_texts()], legend.legend_handles, strict=True))
+    bars = {bar.get_label(): bar[0] for axes in figure.axes for bar in axes.containers if isinstance(bar, BarContainer)}
+    assert set(shown) == set(bars) == {*names, "only in Task0", "only in Task9"}
+    for name, bar in bars.items():
+        assert shown[name].get_facecolor() == bar.get_facecolor()
 
 
 def test_success_is_drawn_against_the_number_of_demonstrations(tmp_path, drawn):
