@@ -38,7 +38,8 @@ STUDIES, RESULTS = ROOT / "examples/paper_table", ROOT / "docs/results.md"
 OF_SENSORS = ("memory",)
 STARTS = range(20_000, 20_200)
 KEY = ["task", "method", "demonstrations", "training_seed", "step", "seed"]
-COLUMNS = [*KEY[:-1], "seconds", "seed", "reached", "held", "steps"]
+FOUND = ["reached", "held", "steps"]
+COLUMNS = [*KEY[:-1], "seconds", "seed", *FOUND]
 OF_ROBUSTNESS = [*robustness.POINT, "training", "task", "seed"]
 
 
@@ -49,34 +50,40 @@ def rates_of(episodes: pd.DataFrame) -> pd.DataFrame:
 
 
 class Study(NamedTuple):
-    """What a study shows: rates of its episodes, and a figure and a table of these rates."""
+    """What a study keeps of episodes, told apart by a key, and the rates, the figure and the table that it shows."""
 
     plot: Callable[[pd.DataFrame, Path], None]
     rates: Callable[[pd.DataFrame], pd.DataFrame] = rates_of
     table: Callable[[pd.DataFrame], str] = success_table
+    key: list[str] = KEY
+    columns: list[str] = COLUMNS
 
 
 SHOWN = {
     "curves": Study(plot_success),
     "demonstrations": Study(plot_demonstrations),
     "memory": Study(plot_noise),
-    "robustness": Study(robustness.plot, robustness.held_rates, robustness.table),
+    "robustness": Study(
+        *(robustness.plot, robustness.held_rates, robustness.table), OF_ROBUSTNESS, [*OF_ROBUSTNESS, *FOUND]
+    ),
 }
 
 
-def add(outputs: Path, study: str) -> None:
+def add(outputs: Path, name: str) -> None:
     """Takes over the validation episodes of a benchmark or of examples/robustness.py; what is there stays as it is.
 
     Raises:
-        ValueError: They are of imperfect sensors and the study is of perfect ones, or the other way round.
+        ValueError: They are of imperfect sensors and the study is of perfect ones, or the other way round; or they do
+            not tell what the study keeps.
     """
-    file, rows = STUDIES / f"{study}.parquet", pd.read_parquet(outputs / "episodes.parquet")
-    if study == "robustness":
-        return keep_episodes(file, rows, OF_ROBUSTNESS)
-    sensors = [*IDEAL] if study in OF_SENSORS else []
+    study, rows = SHOWN[name], pd.read_parquet(outputs / "episodes.parquet")
+    sensors = [*IDEAL] if name in OF_SENSORS else []
     if sensor_columns(rows) != sensors:
-        raise ValueError(f"{outputs} and {study} are not both of {'imperfect' if sensors else 'perfect'} sensors.")
-    keep_episodes(file, rows.loc[rows.seed.isin(STARTS), sensors + COLUMNS], sensors + KEY)
+        raise ValueError(f"{outputs} and {name} are not both of {'imperfect' if sensors else 'perfect'} sensors.")
+    if missing := [column for column in study.columns if column not in rows]:
+        raise ValueError(f"The episodes of {outputs} do not tell {', '.join(missing)}, so they are not for {name}.")
+    rows = rows.loc[rows.seed.isin(STARTS), sensors + study.columns]
+    keep_episodes(STUDIES / f"{name}.parquet", rows, sensors + study.key)
 
 
 def main() -> None:

@@ -89,6 +89,13 @@ def test_a_benchmark_of_other_sensors_is_refused(tmp_path, add, study, sensors):
     assert not (tmp_path / f"{study}.parquet").exists()
 
 
+def test_episodes_for_another_study_are_refused(tmp_path, add):
+    write_benchmark(tmp_path)
+    with pytest.raises(ValueError, match="do not tell imperfection, level, policy, training, so .* not for robustness"):
+        add(tmp_path, "robustness")
+    assert not (tmp_path / "robustness.parquet").exists()
+
+
 def test_a_benchmark_is_taken_over_for_a_study_alone(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("sys.argv", ["studies.py", "--add", str(tmp_path)])
     with pytest.raises(SystemExit):
